@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from semmap.geometry.floor import section
 from semmap.geometry.levels import CONTACT, WALKED, WIDE, is_furniture
+from semmap.geometry.pose import Pose
 from semmap.ingest.annotation.feature_values import supertypes
 from semmap.ingest.naming import GUESS
 from semmap.ingest.storeys import box_of, level_faces, meshes_of
-from semmap.ingest.world import Entry
+from semmap.ingest.world import Entry, poses_in_map
 
 SHELL, CONFIDENCE = "building_shell", 0.7
 
@@ -37,12 +38,13 @@ def recognise_shells(entries: Sequence[Entry]) -> None:
     something of the size of furniture that stands on the floor between them. A stated type stays.
     """
     solid = [entry for entry in entries if meshes_of(entry)]
-    boxes = np.array([box_of(entry) for entry in solid]).reshape(-1, 2, 3)
+    poses = poses_in_map(entries)
+    boxes = np.array([box_of(entry, poses[entry.name]) for entry in solid]).reshape(-1, 2, 3)
     furniture = boxes[is_furniture(boxes)]
     sizes = np.ptp(boxes, axis=1)
     large = (sizes[:, :2].min(axis=1) >= WIDE) & (sizes[:, 2] >= 2 * AT)
     for entry in [solid[i] for i in np.flatnonzero(large)]:
-        if _may_be_shell(entry) and _is_shell(entry, furniture):
+        if _may_be_shell(entry) and _is_shell(entry, poses[entry.name], furniture):
             entry.type = SHELL
             entry.properties[GUESS] = {"type": SHELL, "confidence": CONFIDENCE}
 
@@ -54,11 +56,9 @@ def _may_be_shell(entry: Entry) -> bool:
     return guess == entry.type and KEPT.isdisjoint(supertypes(guess))
 
 
-def _is_shell(entry: Entry, furniture: NDArray[np.float64]) -> bool:
-    pose = entry.pose
-    triangles = np.concatenate([mesh.triangles for mesh in meshes_of(entry)])
-    triangles = triangles if pose is None else pose.apply(triangles)
-    for z in {level.z for level in level_faces(entry)}:
+def _is_shell(entry: Entry, pose: Pose, furniture: NDArray[np.float64]) -> bool:
+    triangles = pose.apply(np.concatenate([mesh.triangles for mesh in meshes_of(entry)]))
+    for z in {level.z for level in level_faces(entry, pose)}:
         standing = furniture[np.abs(furniture[:, 0, 2] - z) <= CONTACT]
         if len(standing) and _encloses(_wall_lines(triangles, z + AT), standing):
             return True

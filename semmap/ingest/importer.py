@@ -21,7 +21,7 @@ from sqlalchemy import Connection, Engine
 
 from semmap.database.maps import driver_of, see_map
 from semmap.geometry.extent import extent
-from semmap.geometry.pose import IDENTITY, Pose
+from semmap.geometry.pose import Pose
 from semmap.ingest.annotation.annotation import read_annotation
 from semmap.ingest.building_shell import recognise_shells
 from semmap.ingest.georeference import frame_in_frame, on_grid
@@ -50,7 +50,7 @@ from semmap.ingest.store.holder_store import (
 from semmap.ingest.store.model_store import Progress
 from semmap.ingest.store.world_store import store_world
 from semmap.ingest.storeys import FOUND, found_storeys
-from semmap.ingest.world import Shape, Skipped, StoreyDetail, World, WorldError
+from semmap.ingest.world import Shape, Skipped, StoreyDetail, World, WorldError, poses_in_map
 from semmap.limits import ENTRIES, EXTENT, NAME_CHARACTERS
 from semmap.query.geometry_notes import SHOWN, names_note, read_names_without_geometry
 from semmap.query.snapshot import Snapshot
@@ -180,12 +180,13 @@ def _note_unit(world: World, can_scale: bool) -> None:
 
 def _across(world: World) -> float:
     """The longest side of the box around all objects and rooms, metres."""
-    poses: dict[str | None, Pose] = {None: IDENTITY}
-    corners = []
-    for entry in world.entries:
-        poses[entry.name] = poses.get(entry.holder, IDENTITY) @ (entry.pose or IDENTITY)
-        if entry.kind in ("object", "room"):
-            corners += [poses[entry.name].apply(_corners(shape)) for shape in entry.shapes]
+    poses = poses_in_map(world.entries)
+    corners = [
+        poses[entry.name].apply(_corners(shape))
+        for entry in world.entries
+        if entry.kind in ("object", "room")
+        for shape in entry.shapes
+    ]
     return _side(np.concatenate(corners)) if corners else 0.0
 
 

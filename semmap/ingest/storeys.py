@@ -22,8 +22,8 @@ from semmap.geometry.levels import (
     standing_levels,
 )
 from semmap.geometry.mesh import Mesh
-from semmap.geometry.pose import IDENTITY, Pose
-from semmap.ingest.world import Entry, StoreyDetail
+from semmap.geometry.pose import Pose
+from semmap.ingest.world import Entry, StoreyDetail, poses_in_map
 
 ASSUMED_HEIGHT = 3.0
 """Metres from storey to storey where a format numbers levels and has no heights."""
@@ -55,9 +55,9 @@ def found_storeys(entries: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
     Where things stand above each other and no storeys are found, a note asks for them, as where
     floors, as of half levels, are too near to be storeys.
     """
-    solid = [entry for entry in entries if meshes_of(entry)]
-    boxes = np.array([box_of(entry) for entry in solid]).reshape(-1, 2, 3)
-    floors = [[*level_faces(entry)] for entry in solid]
+    solid, poses = [entry for entry in entries if meshes_of(entry)], poses_in_map(entries)
+    boxes = np.array([box_of(entry, poses[entry.name]) for entry in solid]).reshape(-1, 2, 3)
+    floors = [[*level_faces(entry, poses[entry.name])] for entry in solid]
     bottoms = np.sort(boxes[is_furniture(boxes), 0, 2])
     levels, between = _storey_levels([level for faces in floors for level in faces], bottoms)
     halves = [
@@ -112,9 +112,8 @@ def _storey_levels(
     return levels, sorted(between)
 
 
-def box_of(entry: Entry) -> NDArray[np.float64]:
-    """The (2, 3) box of an object in the world that has a mesh."""
-    pose = entry.pose or IDENTITY
+def box_of(entry: Entry, pose: Pose) -> NDArray[np.float64]:
+    """The (2, 3) box in the map of an object that has a mesh, and a pose there."""
     return np.array(extent(np.concatenate([pose.apply(m.used) for m in meshes_of(entry)])))
 
 
@@ -124,13 +123,13 @@ def meshes_of(entry: Entry) -> list[Mesh]:
     return [mesh for mesh in meshes if len(mesh.faces) and entry.kind == "object"]
 
 
-def level_faces(entry: Entry) -> Iterator[Level]:
-    """The level faces of an entry, up, that have `WALKED` square metres in all."""
-    low, high = box_of(entry)
+def level_faces(entry: Entry, pose: Pose) -> Iterator[Level]:
+    """The level faces of an entry at a pose, up, that have `WALKED` square metres in all."""
+    low, high = box_of(entry, pose)
     if np.prod(high[:2] - low[:2]) < WALKED:
         return
     for mesh in meshes_of(entry):
-        a, b, c = np.moveaxis((entry.pose or IDENTITY).apply(mesh.triangles), 1, 0)
+        a, b, c = np.moveaxis(pose.apply(mesh.triangles), 1, 0)
         normals = np.cross(b - a, c - a)
         double = np.linalg.norm(normals, axis=1)
         level = np.abs(normals[:, 2]) >= 0.999 * np.maximum(double, 1e-12)

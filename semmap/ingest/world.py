@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import chain, count
@@ -143,6 +143,17 @@ class Entry:
     detail: PlaceDetail | StoreyDetail | RegionDetail | ConnectorDetail | None = None
     front: float = 0.0
     relation: Literal["in", "on"] = "in"
+
+
+def poses_in_map(entries: Sequence[Entry]) -> dict[str | None, Pose]:
+    """Return by name the poses of entries in the map, of which holders come before what they hold.
+
+    An entry whose holder is of another file has its pose as if that stood at the map's origin.
+    """
+    poses: dict[str | None, Pose] = {None: IDENTITY}
+    for entry in entries:
+        poses[entry.name] = poses.get(entry.holder, IDENTITY) @ (entry.pose or IDENTITY)
+    return poses
 
 
 @dataclass

@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 
 import semmap
+from semmap.geometry.mesh import box_mesh
+from semmap.geometry.pose import Pose
 from semmap.ingest.importer import read_world
 from semmap.ingest.storeys import found_storeys
+from semmap.ingest.world import Entry, Shape
 from tests.buildings.building import Building, random_building
 from tests.conftest import MakeDatabase
 
@@ -33,6 +36,26 @@ def test_floors_in_use_are_storeys(seed: int, tmp_path: Path) -> None:
         assert f"{len(used)} storeys are found" in notes[0]
     else:
         assert storeys == []
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_storeys_of_a_scene_whose_floors_hold_the_furniture(held: bool) -> None:
+    """The poses of what a node holds are in the frame of that node."""
+    entries = []
+    for number, z in enumerate((0.0, 3.2, 6.4)):
+        floor, desk = (
+            box_mesh((-5, -4, 0), (5, 4, 0.02)),
+            box_mesh((-0.5, -0.5, 0), (0.5, 0.5, 0.7)),
+        )
+        shape = Shape("mesh", floor)
+        entries.append(Entry(f"floor{number}", "object", shapes=[shape], pose=Pose(z=z)))
+        at = Pose(2, 1, 0.02)
+        entry = Entry(f"desk{number}", "object", shapes=[Shape("mesh", desk)])
+        entry.holder = f"floor{number}" if held else None
+        entry.pose = at if held else Pose(z=z) @ at
+        entries.append(entry)
+    storeys, _ = found_storeys(entries)
+    assert [s.detail.elevation for s in storeys] == pytest.approx([0.01, 3.21, 6.41], abs=0.011)
 
 
 def test_things_above_each_other_without_floors_are_asked_about(tmp_path: Path) -> None:
