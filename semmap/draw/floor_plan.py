@@ -85,6 +85,8 @@ _HALO = _halo(2.2, 0.85)
 _BOLD: Style = {"weight": "bold", "zorder": 8}
 _LEAST, _TYPE = 2.5, 6.5
 """Points of the smallest letters: of a room's name, and of one with its type below."""
+_LETTER = 0.65
+"""Widths of bold letters to their size: what is surely too long is not tried, which takes long."""
 _PER_DOOR, _LEAST_DOOR = 2.5, 3.6
 """Square inches of a plan for each door below which their names are smaller, to so many points."""
 _ROOM_NAME = _BOLD | _HALO | {"fontsize": 9.5, "color": INK, "linespacing": 1.1}
@@ -440,7 +442,10 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         place: Style = {"inside": room.outline.bounds, "most": _COVERED} | _ROOM_NAME
         place["offsets"] = [((u - x) * per_metre, (v - y) * per_metre) for u, v in spots]
         both = None if told else labels.put(x, y, f"{room.name}\n{kind}", least=_TYPE, **place)
-        texts = () if both is not None else (room.name, *_broken(room.name))
+        texts = [] if both is not None else [room.name, *_broken(room.name)]
+        wide = (room.outline.bounds[2] - room.outline.bounds[0]) * per_metre / _LEAST / _LETTER
+        while len(texts) > 1 and max(map(len, texts[0].split("\n"))) > wide:
+            del texts[0]
         for text in texts:
             if labels.put(x, y, text, least=_LEAST, **place) is not None:
                 break
