@@ -105,7 +105,7 @@ class IfcFile:
     def outlines(self, element: Any) -> list[Polygon]:
         """The outlines as drawn, in their own frames, metres, that the body of an element has.
 
-        The body itself has them mended: of one that crosses itself, the largest part alone.
+        The body itself has them repaired: of an outline that crosses itself, only the largest part.
         """
         from ifcopenshell import geom
         from ifcopenshell.util.shape import get_edges, get_vertices
