@@ -22,6 +22,7 @@ from pathlib import Path
 from semmap.database import Cluster
 from tests.soak.disk import full_disk, read_only_disk, small_disk
 from tests.soak.kills import OFFICE, Soak
+from tests.soak.power import damaged
 
 
 def main() -> int:
@@ -30,6 +31,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--kills", type=int, default=int(os.environ.get("SEMMAP_KILLS", "50")))
+    parser.add_argument("--cuts", type=int, default=10, help="of the power")
     parser.add_argument("--seed", type=int, default=int(time.time()))
     parser.add_argument("--writers", type=int, default=50)
     parser.add_argument("--readers", type=int, default=10)
@@ -44,7 +46,11 @@ def main() -> int:
         soak.prepare(chosen.writers, chosen.readers)
         for number in range(chosen.kills):
             print(f"{number + 1:>5}  {soak.kill()}", flush=True)
+        soak.use_small_buffers()
+        for number in range(chosen.cuts):
+            print(f"{number + 1:>5}  {soak.cut_power()}", flush=True)
         soak.finish()
+        soak.wrong += damaged(cluster)
     finally:
         soak.close()
         cluster.stop()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -17,6 +19,7 @@ import psycopg
 
 import semmap
 from semmap.database import Cluster, open_engine
+from semmap.database.leftovers import servers_in
 from semmap.ingest.importer import import_file
 from tests.soak.actors import IMPORTED
 from tests.soak.invariants import (
@@ -28,6 +31,7 @@ from tests.soak.invariants import (
     wrong_mirror,
     wrong_service,
 )
+from tests.soak.power import copy_pages, cut, log_position, small_buffers
 
 ROOT = Path(__file__).parents[2]
 OFFICE = [ROOT / "examples/office" / name for name in ("office_rooms.geojson", "office.sdf")]
@@ -131,6 +135,51 @@ class Soak:
         if actor is not None:
             self._start(actor)
         return f"{name}: {'; '.join(found) or 'ok'}"
+
+    def use_small_buffers(self) -> None:
+        """Restart the server, so that it writes changed pages soon."""
+        self.close()
+        small_buffers(self.cluster)
+        for actor in self._actors:
+            self._start(actor)
+
+    def cut_power(self) -> str:
+        """Cut the power after some work: pages in part, no log but what was flushed; check."""
+        copy, url = self.state / "pages", url_of(open_engine(self.cluster, migrate=False))
+        with psycopg.connect(url, autocommit=True) as connection:
+            with self._paused():
+                connection.execute("CHECKPOINT")
+                begin = log_position(connection)[1]
+                copy_pages(self.cluster.data, copy)
+            self._wait_for_writes()
+            time.sleep(self._draw.uniform(0, 4 * PAUSE))
+            with self._paused():
+                flushed, newest = log_position(connection)
+                self._kill_server()
+                while servers_in(self.cluster.data):
+                    time.sleep(0.01)
+                torn = 0
+                if newest == begin:  # else pages that were flushed since are not known
+                    torn = cut(self.cluster.data, copy, flushed, self._draw)
+        shutil.rmtree(copy)
+        self.killed["power"] += 1
+        engine = open_engine(self.cluster, migrate=False)
+        found = violations(engine, self.state, IMPORTED, self._versions) + self._ended()
+        engine.dispose()
+        self.wrong += [f"after a power cut: {each}" for each in found]
+        return f"power, {torn} pages torn: {'; '.join(found) or 'ok'}"
+
+    @contextmanager
+    def _paused(self) -> Iterator[None]:
+        """Stop all processes, so that none has an answer of the server that is not stored."""
+        for actor in self._actors:
+            if actor.process is not None:
+                actor.process.send_signal(signal.SIGSTOP)
+        time.sleep(0.05)
+        yield
+        for actor in self._actors:
+            if actor.process is not None:
+                actor.process.send_signal(signal.SIGCONT)
 
     def finish(self) -> None:
         """End all processes, and check what they stored."""
