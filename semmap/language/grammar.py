@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any, Literal
 
 import pyparsing
+import rdflib
 from rdflib.plugins.sparql.parserutils import Comp, CompValue, Param, ParamList
 
 from semmap.language.error import QueryError
@@ -65,6 +66,8 @@ def _recording_grammar(form: Form, whole: bool) -> tuple[Any, list[tuple[int, st
 
 def _own_grammar(form: Form, whole: bool) -> Any:
     parser = _loaded_parser()
+    for name in ("INTEGER", "DECIMAL", "DOUBLE"):  # rdflib cannot negate a decimal
+        getattr(parser, f"{name}_NEGATIVE").set_parse_action(_negative)
     if form == "update":
         grammar = parser.UpdateUnit
     else:
@@ -126,6 +129,10 @@ def _elements(root: Any) -> Iterator[Any]:
 
 def _set_position(text: str, position: int, tokens: Any) -> Any:
     return with_position(tokens[0], skip_space(text, position)) if len(tokens) == 1 else None
+
+
+def _negative(tokens: Any) -> rdflib.Literal:
+    return rdflib.Literal(f"-{tokens[0]}", datatype=tokens[0].datatype)
 
 
 def _collection(_: str, position: int, __: Any) -> CompValue:

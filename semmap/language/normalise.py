@@ -34,6 +34,9 @@ _BARE_BASE = re.compile(r"BASE\s+(?P<iri>[^\s<]\S*)", re.IGNORECASE)
 _BRACKET = re.compile(r"\s*[({]")
 _ESCAPE = re.compile(r"(?<!\\)\\(?:u([0-9A-Fa-f]{4})|U([0-9A-Fa-f]{8}))")
 
+NO_CHARACTER = re.compile("[\x00\ud800-\udfff]")
+"""A code point that no text of the database has: NUL, and halves of surrogate pairs."""
+
 _MODIFIERS = frozenset(["STORE", "AT", "DURING", "GROUP", "HAVING", "ORDER", "LIMIT", "OFFSET"])
 """The keywords that end a WHERE without braces."""
 
@@ -90,7 +93,12 @@ def normalise(text: str) -> NormalisedText:
         edits = tuple(find_edits(sparql))
         sparql = _edited(sparql, edits)
         steps.append(edits)
-    return NormalisedText(sparql, text, tuple(steps))
+    normalised = NormalisedText(sparql, text, tuple(steps))
+    if wrong := NO_CHARACTER.search(sparql):
+        raise normalised.error(
+            f"U+{ord(wrong[0]):04X} is not a character: leave it out", wrong.start()
+        )
+    return normalised
 
 
 def tokens(text: str) -> Iterator[tuple[str, int, int]]:

@@ -199,6 +199,14 @@ def test_answers_are_those_of_other_engines(
         assert found == engines.rdflib(EX + text)
 
 
+@pytest.mark.parametrize(("pattern", "count"), [("", 1), ("FILTER(false)", 0), (":a :b :c", 0)])
+def test_solutions_without_variables_are_counted(
+    loft: psycopg.Connection, pattern: str, count: int
+) -> None:
+    answer = query(loft, f"SELECT (COUNT(DISTINCT *) AS ?n) {{ {pattern} }}")
+    assert [int(n) for (n,) in answer.rows] == [count]
+
+
 def test_the_order_of_solutions_is_kept(loft: psycopg.Connection) -> None:
     names = [str(n) for (n,) in query(loft, "SELECT ?n { ?x semmap:name ?n } ORDER BY ?n").rows]
     assert names == sorted(names)

@@ -29,6 +29,13 @@ def test_the_grammar_of_rdflib_is_not_changed() -> None:
     assert position_of(tree[1].where) is None
 
 
+@pytest.mark.parametrize("number", ["-5", "-5.0", "-0.50"])
+def test_a_negative_number_keeps_its_digits(number: str) -> None:
+    parsed = parse_query(f"ASK {{ ?x :size {number} }}")
+    ((_, _, object_),) = parsed.algebra.p.p2.triples
+    assert str(object_) == number
+
+
 def test_terms_know_their_positions() -> None:
     text = "PREFIX : <http://a/> # b\nSELECT ?v { ?v :p 'x' FILTER(?v != -1.5) } STORE  :q"
     parsed = parse_query(text)

@@ -400,11 +400,10 @@ class Expressions:
     def _flags(self, tree: Any, seen: Environment) -> str:
         if tree.flags is None:
             return "''"
-        if isinstance(tree.flags, rdflib.Literal) and set(str(tree.flags)) - set("imsxq"):
-            raise UntranslatedError("these flags of a regular expression are unknown")
         flags = self._string(self.value(tree.flags, seen))
-        # XPath: s lets the dot match a newline, m lets ^ and $ match at each line.
-        return f"translate({flags}, 'ms', 'w')"
+        # XPath: s lets the dot match a newline, m lets ^ and $ match at each line. Flags that
+        # PostgreSQL alone has are an error.
+        return f"translate({flags}, 'mbcegnptws', 'w????????')"
 
     def _pattern(self, tree: Any, seen: Environment) -> str:
         """Return the SQL of a pattern; in one that the text has, a dot matches no newline."""

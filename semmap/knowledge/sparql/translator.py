@@ -373,7 +373,7 @@ class _Translator(TriplePatterns):
             if not distinct:
                 return Value("integer", "count(*)::numeric"), True
             columns = [sql for v in seen.values() for sql in v.columns()]
-            return Value("integer", f"count(DISTINCT ({', '.join(columns)}))::numeric"), True
+            return Value("integer", f"count(DISTINCT ROW({', '.join(columns)}))::numeric"), True
         value = self.expressions.value(each.vars, seen)
         if function == "Count":
             counted = value.sql
