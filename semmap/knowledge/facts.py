@@ -21,6 +21,7 @@ from semmap.knowledge.shacl import check_binding
 from semmap.knowledge.sparql.constants import Constants, tag_and_text
 from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import (
+    IRI,
     PROPERTY,
     RDF,
     RDFS,
@@ -31,6 +32,7 @@ from semmap.knowledge.vocabulary import (
     prefixes,
     short,
 )
+from semmap.language.normalise import NO_CHARACTER
 
 SKOLEM = "urn:semmap:blank:"  # blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)
 
@@ -65,6 +67,16 @@ class RefusedError(Error, ValueError):
         self.reason, self.fact = reason, fact
 
 
+def _refuse_unwritable(fact: Fact) -> None:
+    """Raise an error where files, or the database, cannot have a term of a fact."""
+    for term in fact:
+        if isinstance(term, rdflib.URIRef) and not IRI.fullmatch(term):
+            raise RefusedError(f"{str(term)!r} is not an absolute IRI: correct it", fact)
+        if isinstance(term, rdflib.Literal) and (wrong := NO_CHARACTER.search(term)):
+            code = f"U+{ord(wrong[0]):04X}"
+            raise RefusedError(f"{code} is not a character: leave it out", fact)
+
+
 DENIED = (psycopg.IntegrityError, psycopg.errors.InsufficientPrivilege)
 """How the server refuses a change."""
 
@@ -93,6 +105,9 @@ class FactWriter:
 
     def insert(self, facts: Iterable[Fact]) -> int:
         """Add facts; return how many are new or end later; without an end, one keeps none."""
+        facts = list(facts)
+        for fact in facts:
+            _refuse_unwritable(fact)
         facts = self._resolved(facts)
         for fact in facts:
             if str(fact.graph) == INFERRED_GRAPH:
@@ -116,6 +131,7 @@ class FactWriter:
     def _change(self, fact: Fact, change: Callable[[Fact, str], int]) -> int:
         if isinstance(fact.subject, rdflib.Literal) or not isinstance(fact.property, rdflib.URIRef):
             raise RefusedError("the subject is a literal, or the property is not an IRI", fact)
+        self._view.check_time()
         iri = self._constants.property(str(fact.property))
         changed = change(fact, iri)
         if changed:

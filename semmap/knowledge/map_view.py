@@ -116,13 +116,17 @@ class MapView:
         """Return the solutions of a statement."""
         values = (f"\n-- {name} = {value!r}" for name, value in statement.parameters.items())
         self.statements.append(statement.sql + "".join(values))
-        if time.monotonic() > self.deadline:
-            raise psycopg.errors.QueryCanceled("the query took too long")
+        self.check_time()
         with self.session.cursor() as cursor:
             cursor.execute(statement.sql.encode(), statement.parameters, prepare=False)
             rows = cursor.fetchall()
         width = range(len(statement.names))
         return [tuple(term_of(row[2 * i], row[2 * i + 1]) for i in width) for row in rows]
+
+    def check_time(self) -> None:
+        """Stop a query or an update, as the server does, after its deadline."""
+        if time.monotonic() > self.deadline:
+            raise psycopg.errors.QueryCanceled("the query took too long")
 
     def triples(
         self, pattern: tuple[Any, Any, Any], graph: Any = None

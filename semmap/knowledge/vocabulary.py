@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from urllib.parse import quote, unquote
 
@@ -42,6 +43,10 @@ PREFIXES: Mapping[str, str] = {
     "cora": "http://purl.org/ieee1872-owl/cora#",
 }
 """Prefixes that a query need not declare; the empty one is the map's."""
+
+
+IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:[^\x00-\x20<>\"{}|^`\\\ud800-\udfff]*")
+"""An absolute IRI, as all formats of RDF can write it."""
 
 
 def encode(name: str) -> str:

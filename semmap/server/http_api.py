@@ -65,6 +65,7 @@ STATUS: dict[type[Exception], int] = {
     psycopg.errors.InsufficientPrivilege: 403,
     psycopg.errors.ReadOnlySqlTransaction: 403,
     psycopg.IntegrityError: 400,
+    psycopg.DataError: 400,
     psycopg.OperationalError: 503,
 }
 """The HTTP status of each error."""
@@ -319,4 +320,5 @@ async def _failure(_: Request, error: Exception) -> Response:
     said = lines[0] if lines else type(error).__name__
     if isinstance(error, DatabaseError | psycopg.OperationalError):
         said = "the database does not answer: try again"  # not where it is, and who asks
+    said = said.encode(errors="backslashreplace").decode()  # it may name half a surrogate pair
     return JSONResponse({"error": said}, status, headers)

@@ -5,13 +5,13 @@ See www.w3.org/TR/sparql11-protocol and sparql11-http-rdf-update.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
+import psycopg
 import rdflib
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -19,17 +19,20 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from semmap.error import RightsError
 from semmap.ingest.world import WorldError
 from semmap.knowledge.facts import Fact, FactWriter, with_consequences
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH
-from semmap.knowledge.queries import limited, query
+from semmap.knowledge.queries import KnowledgeError, limited, limited_view, query
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.results import RESULT_FORMATS, TRUTH_FORMATS
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.updates import update
+from semmap.knowledge.vocabulary import IRI
 from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
+from semmap.language.error import QueryError
 from semmap.server.handles import Handles
 from semmap.server.requests import body_of, map_of
 
@@ -42,10 +45,8 @@ GRAPH_FORMATS = {
 }
 """Media types of graphs with rdflib's names, the default first."""
 
-_IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:[^\x00-\x20<>\"{}|^`\\]*")
-
-MOST_BYTES = 16 * 2**20
-"""The most bytes of a request."""
+MOST_BYTES = 2**20
+"""The most bytes of a request: a minute suffices to read and store so much Turtle."""
 
 
 class SparqlEndpoint:
@@ -85,12 +86,17 @@ class SparqlEndpoint:
         return Response(RESULT_FORMATS[kind](answer), media_type=kind)
 
     def _update(self, request: Request, text: str, dataset: Chosen | None) -> Response:
-        with self._session(request) as session:
-            changes = update(session, text, seconds=self._seconds, dataset=dataset)
+        try:
+            with self._session(request) as session:
+                changes = update(session, text, seconds=self._seconds, dataset=dataset)
+        except QueryError as error:
+            if isinstance(error.__cause__, psycopg.errors.InsufficientPrivilege):
+                raise RightsError(str(error)) from error
+            raise
         return JSONResponse({"added": changes.added, "removed": changes.removed})
 
     async def _graph(self, request: Request) -> Response:
-        named = request.query_params.get("graph")
+        named = request.query_params.get("graph") or None
         if (named is None) == ("default" not in request.query_params):
             raise HTTPException(400, "name a graph: ?graph=IRI or ?default")
         if request.method in ("GET", "HEAD"):
@@ -109,6 +115,10 @@ class SparqlEndpoint:
             for s, p, o, graph in facts(session, inferences=inferences):
                 if (None if graph is None else str(graph)) == named:
                     dataset.default_graph.add((s, p, o))
+                if len(dataset.default_graph) > self._rows:
+                    raise KnowledgeError(
+                        f"the graph has more than {self._rows:,} triples: query it"
+                    )
         if named is not None and not len(dataset.default_graph):
             raise HTTPException(404, f"there is no graph <{named}>")
         return Response(serialized(dataset, GRAPH_FORMATS[format_]), media_type=format_)
@@ -126,8 +136,7 @@ class SparqlEndpoint:
                 raise HTTPException(400, str(error)) from error
             graph = None if named is None else rdflib.URIRef(named)
             new = [fact._replace(graph=graph) for fact in parsed]
-        with self._session(request) as session, limited(session, self._seconds):
-            view = MapView.of(session)
+        with self._session(request) as session, limited_view(session, self._seconds) as view:
             gone = 0
             with with_consequences(view):
                 if method in ("PUT", "DELETE"):
@@ -192,7 +201,7 @@ def _dataset(of: str, pairs: list[tuple[str, str]]) -> Chosen | None:
             raise HTTPException(400, f"{name} is not a parameter of a {of}")
     default, named = (tuple(v for n, v in pairs if n == name) for name in _DATASETS[of])
     for iri in (*default, *named):
-        if not _IRI.fullmatch(iri):
+        if not IRI.fullmatch(iri):
             raise HTTPException(400, f"{iri!r} is not the IRI of a graph")
     return Chosen(default, named) if default or named else None
 

@@ -38,7 +38,7 @@ def serving(loft_map: Map, **options: float) -> Iterator[httpx.Client]:
 
 @pytest.fixture(scope="module")
 def client(loft_map: Map) -> Iterator[httpx.Client]:
-    with serving(loft_map, seconds=20, rows=1000) as client:
+    with serving(loft_map, seconds=20, rows=9000) as client:
         yield client
 
 
@@ -105,7 +105,12 @@ def test_formats_of_graphs(client: httpx.Client) -> None:
         (405, {"params": {"update": "DELETE WHERE { ?s ?p ?o }"}}),
         (401, {"params": {"query": QUERY}, "headers": bearer("guess")}),
         (400, {"params": {"query": "SELECT * { SERVICE <http://a/b> { ?s ?p ?o } }"}}),
-        (503, {"params": {"query": "SELECT * { ?a ?b ?c }"}}),
+        (503, {"params": {"query": "SELECT * { ?a ?b ?c . ?d ?e ?f }"}}),
+        (400, {"params": {"query": r"ASK { ?x semmap:name 'a\uD800' }"}}),
+        (400, {"params": {"query": r"ASK { <http://a/\uD800> ?p ?o }"}}),
+        (400, {"params": {"query": r"ASK { ?x semmap:name 'a\u0000' }"}}),
+        (400, {"params": {"query": "ASK { FILTER(REGEX('abc', 'b', 'z')) }"}}),
+        (400, {"params": {"query": "ASK { FILTER(REGEX('abc', 'b', 'n')) }"}}),
     ],
 )
 def test_wrong_requests(client: httpx.Client, status: int, request_: dict) -> None:
@@ -219,7 +224,7 @@ def test_sessions_serve_many_queries_until_the_server_ends_them(loft_map: Map) -
 def test_changes_need_a_token_whose_role_may_make_them(client: httpx.Client) -> None:
     text = "INSERT DATA { :bob <http://example.org/mood> 'good' }"
     found = "ASK { :bob <http://example.org/mood> 'good' }"
-    for headers, status in (({}, 401), (bearer(READER), 400), (bearer(WRITER), 200)):
+    for headers, status in (({}, 401), (bearer(READER), 403), (bearer(WRITER), 200)):
         answer = client.post("/update", data={"update": text}, headers=headers)
         assert answer.status_code == status, answer.text
         truth = client.get("/sparql", params={"query": found}).json()["boolean"]
@@ -258,6 +263,49 @@ def test_the_graph_store(client: httpx.Client) -> None:
     whole = client.get("/graph?default=", headers={"Accept": "application/n-triples"})
     assert "loft#sofa" in whole.text
     assert client.put("/graph?default=", content=body, headers=headers).status_code == 403
+
+
+@pytest.mark.parametrize("name", ["no IRI", "noiri", "a<b>", "http://e/ a", "http://e/\0", ""])
+def test_a_graph_is_named_by_an_iri(client: httpx.Client, name: str) -> None:
+    body = "<urn:a> <urn:b> 'from the store' ."
+    headers = {"Content-Type": "text/turtle", **bearer(WRITER)}
+    for method in ("PUT", "POST"):
+        answer = client.request(
+            method, "/graph", params={"graph": name}, content=body, headers=headers
+        )
+        assert answer.status_code == 400, answer.text
+    text = f"INSERT {{ GRAPH ?g {{ :bob :saw 1 }} }} WHERE {{ BIND(IRI('{name}') AS ?g) }}"
+    answer = client.post("/update", data={"update": text}, headers=bearer(WRITER))
+    assert answer.status_code == 400, answer.text
+    found = client.get("/sparql", params={"query": "ASK { ?s ?p 'from the store' }"})
+    assert found.json()["boolean"] is False
+
+
+@pytest.mark.parametrize("term", ["<http://e/a b>", r"'a\u0000'", r"'a\uD800'"])
+def test_a_term_that_no_file_can_have_is_refused(client: httpx.Client, term: str) -> None:
+    answer = client.put(
+        "/graph?graph=http://e/terms",
+        content=f"<http://e/s> <http://e/p> {term} .",
+        headers={"Content-Type": "text/turtle", **bearer(WRITER)},
+    )
+    assert answer.status_code == 400, answer.text
+    assert "not a" in answer.json()["error"]
+
+
+def test_the_graph_store_has_the_limits_of_queries(loft_map: Map) -> None:
+    name = {"graph": "http://example.org/many"}
+    headers = {"Content-Type": "text/turtle", **bearer(WRITER)}
+    lines = [f"<urn:{n}> <urn:p> {n} .\n" for n in range(5000)]
+    with serving(loft_map, seconds=0.5, rows=20) as client:
+        answer = client.put("/graph", params=name, content="".join(lines), headers=headers)
+        assert (answer.status_code, "0.5 s" in answer.text) == (503, True)
+        assert client.get("/graph", params=name).status_code == 404
+        large = client.put("/graph", params=name, content=" " * 2**20 + lines[0], headers=headers)
+        assert large.status_code == 413
+        for status, many in ((200, 20), (503, 21)):
+            client.put("/graph", params=name, content="".join(lines[:many]), headers=headers)
+            assert client.get("/graph", params=name).status_code == status
+        client.delete("/graph", params=name, headers=headers)
 
 
 def test_a_file_of_tokens(tmp_path: Path) -> None:
