@@ -9,31 +9,22 @@ from contextlib import contextmanager
 from urllib.parse import quote
 
 from semmap.api.database import Database, connect
-from semmap.error import Error
 
-MOST_HANDLES = 8
-"""The most requests that are answered at once."""
+MOST_HANDLES = 16
+"""The most handles that requests use at once."""
 
 SECONDS = 60
 """The most seconds of one statement of a request."""
 
-PATIENCE = 10.0
-"""Seconds that a request waits until it is answered."""
-
-
-class BusyError(Error):
-    """No handle became free in time."""
-
 
 class Handles:
-    """At most `MOST_HANDLES` handles in use at once; those that were used wait for the next."""
+    """Handles that were used wait for the next request; `Turns` bounds how many are in use."""
 
     def __init__(self, database: Database, seconds: float = SECONDS) -> None:
         self._seconds = seconds
         self._own, self._reading = database.engine.url, database.reading_engine.url
         self._free: defaultdict[str | None, list[Database]] = defaultdict(list)
         self._lock = threading.Lock()
-        self._turns = threading.BoundedSemaphore(MOST_HANDLES)
 
     @property
     def reads_apart(self) -> bool:
@@ -42,21 +33,13 @@ class Handles:
 
     @contextmanager
     def lend(self, role: str | None) -> Iterator[Database]:
-        """Lend a handle with the rights of a database role; None: those of a reader.
-
-        BusyError if none is free in time.
-        """
-        if not self._turns.acquire(timeout=PATIENCE):
-            raise BusyError(f"{MOST_HANDLES} requests are in progress: try again")
+        """Lend a handle with the rights of a database role; None: those of a reader."""
+        handle = self._take(role) or self.open(role)
         try:
-            handle = self._take(role) or self.open(role)
-            try:
-                yield handle
-            finally:
-                with self._lock:
-                    self._free[role].append(handle)
+            yield handle
         finally:
-            self._turns.release()
+            with self._lock:
+                self._free[role].append(handle)
 
     def open(self, role: str | None) -> Database:
         """Open a handle that its caller closes."""

@@ -35,11 +35,12 @@ from semmap.plain_values import plain
 from semmap.query.map_events import MapEvent
 from semmap.server import ogc_features as ogc
 from semmap.server.calls import MOST, OperationCall, answered_at_once, offered
-from semmap.server.handles import SECONDS, BusyError, Handles
+from semmap.server.handles import SECONDS, Handles
 from semmap.server.layers import costs_of, grasps_of, moments_of, poses_of, voxels_of
-from semmap.server.requests import EncodedSlashes, body_of, map_of, role_of
+from semmap.server.requests import EncodedSlashes, body_of, client_of, map_of, role_of
 from semmap.server.scene import meshes_of, scene_of
 from semmap.server.sparql_endpoint import SparqlEndpoint
+from semmap.server.turns import BusyError, Turns
 from semmap.server.vector_tiles import MEDIA_TYPE, tile_of
 from semmap.server.viewer_files import Viewer
 
@@ -100,7 +101,8 @@ class HttpApi:
     ) -> None:
         self._tokens, self._local = dict(tokens or {}), local
         self._handles = Handles(database, seconds)
-        sparql = SparqlEndpoint(self._handles, self._role, seconds=seconds, rows=rows)
+        self._turns = Turns()
+        sparql = SparqlEndpoint(self._handles, self._role, self._turns, seconds=seconds, rows=rows)
         self._listeners: set[Callable[[], object]] = set()  # each ends one
         calls = answered_at_once(OPERATIONS)
         if not self._handles.reads_apart:
@@ -163,7 +165,7 @@ class HttpApi:
 
     async def _maps(self, request: Request) -> Response:
         role = self._role(request)
-        found = await run_in_threadpool(self._with, role, lambda db: db.list_maps())
+        found = await self._with(request, role, "", lambda db: db.list_maps())
         return JSONResponse(plain(found))
 
     async def _operation(self, request: Request) -> Response:
@@ -181,7 +183,9 @@ class HttpApi:
         map_name = map_of(request)
         if name == "sql":
             role = None  # a statement could leave a role, but not the login of a reader
-        found = await run_in_threadpool(self._with, role, lambda db: call(db.map(map_name), values))
+        found = await self._with(
+            request, role, str(values), lambda db: call(db.map(map_name), values)
+        )
         if isinstance(found, Picture):
             return Response(found.png, media_type="image/png")
         return JSONResponse(found)
@@ -257,9 +261,7 @@ class HttpApi:
         async def page(request: Request) -> Response:
             role, name = self._role(request), map_of(request)
             base = str(request.base_url.replace(path=f"/maps/{quote(name, safe='')}"))
-            found = await run_in_threadpool(
-                self._with, role, lambda db: of(db.map(name), base, request)
-            )
+            found = await self._with(request, role, "", lambda db: of(db.map(name), base, request))
             if isinstance(found, bytes):
                 binary = MEDIA_TYPE if "/tiles/" in request.url.path else "model/gltf-binary"
                 return Response(found, media_type=binary)
@@ -268,9 +270,14 @@ class HttpApi:
 
         return page
 
-    def _with(self, role: str | None, answer: Callable[[Database], Any]) -> Any:
-        with self._handles.lend(role) as database:
-            return answer(database)
+    async def _with(
+        self, request: Request, role: str | None, text: str, answer: Callable[[Database], Any]
+    ) -> Any:
+        def answered() -> Any:
+            with self._handles.lend(role) as database:
+                return answer(database)
+
+        return await self._turns.run(client_of(request), (str(request.url), hash(text)), answered)
 
     def _role(self, request: Request) -> str | None:
         role = role_of(request.headers.get("authorization"), self._tokens)
@@ -315,10 +322,12 @@ async def _values(request: Request, call: OperationCall) -> dict[str, Any]:
 
 async def _failure(_: Request, error: Exception) -> Response:
     status = next(code for kind, code in STATUS.items() if isinstance(error, kind))
-    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
+    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else {}
     lines = [line for line in str(error).splitlines() if line.strip()]
     said = lines[0] if lines else type(error).__name__
     if isinstance(error, DatabaseError | psycopg.OperationalError):
         said = "the database does not answer: try again"  # not where it is, and who asks
+    if status == 503 and not isinstance(error, KnowledgeError):
+        headers["Retry-After"] = "1"
     said = said.encode(errors="backslashreplace").decode()  # it may name half a surrogate pair
     return JSONResponse({"error": said}, status, headers)

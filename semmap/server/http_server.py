@@ -2,15 +2,61 @@
 
 from __future__ import annotations
 
+import asyncio
+import resource
 import socket
 from collections.abc import Callable
 
+import h11
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from semmap.server.http_api import HttpApi
+from semmap.server.requests import SECONDS_TO_SEND
 
 PATIENCE = 5
 """Seconds that requests have to end when the server stops."""
+
+MOST_CONNECTIONS = 512
+"""The most connections, or half of the files that the process may open."""
+
+_BUSY = (
+    b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nConnection: close\r\n"
+    b"Content-Length: 0\r\n\r\n"
+)
+
+
+class BoundedProtocol(H11Protocol):
+    """A connection that is closed where there are too many, or the head of a request comes late."""
+
+    _late: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Refuse a connection beyond the limit."""
+        super().connection_made(transport)
+        files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        if len(self.connections) > MOST_CONNECTIONS or 0 < files < 2 * len(self.connections):
+            transport.write(_BUSY)
+            transport.close()
+        self._expect_head()
+
+    def data_received(self, data: bytes) -> None:
+        """Read on; the whole head of a request has to come in time."""
+        if self._late is None and self.conn.their_state is h11.IDLE:
+            self._expect_head()
+        super().data_received(data)
+        if self._late is not None and self.conn.their_state is not h11.IDLE:
+            self._late.cancel()
+            self._late = None
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
+        super().connection_lost(exc)
+        if self._late is not None:
+            self._late.cancel()
+
+    def _expect_head(self) -> None:
+        self._late = self.loop.call_later(SECONDS_TO_SEND, self.transport.close)
 
 
 class HttpServer(uvicorn.Server):
@@ -27,6 +73,7 @@ class HttpServer(uvicorn.Server):
                 api.app,
                 host=host,
                 port=port,
+                http=BoundedProtocol,
                 log_level="warning",
                 timeout_graceful_shutdown=PATIENCE,
             )

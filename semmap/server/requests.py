@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import re
 from collections.abc import Mapping
@@ -13,6 +14,9 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 _SLASH = "\x1f"
+
+SECONDS_TO_SEND = 20
+"""Seconds that a client has to send the head of a request, and then its body."""
 
 
 class EncodedSlashes:
@@ -35,13 +39,23 @@ def map_of(request: Request) -> str:
     return str(request.path_params["map"]).replace(_SLASH, "/")
 
 
+def client_of(request: Request) -> str:
+    """The client of a request: its token, else its address."""
+    address = request.client.host if request.client else ""
+    return request.headers.get("authorization", address)
+
+
 async def body_of(request: Request, most_bytes: int) -> bytes:
-    """The body of a request; HTTPException if it is larger than `most_bytes`."""
+    """The body of a request; HTTPException if it is larger than `most_bytes`, or comes late."""
     body = bytearray()
-    async for part in request.stream():
-        body += part
-        if len(body) > most_bytes:
-            raise HTTPException(413, f"the request has more than {most_bytes:,} bytes")
+    try:
+        async with asyncio.timeout(SECONDS_TO_SEND):
+            async for part in request.stream():
+                body += part
+                if len(body) > most_bytes:
+                    raise HTTPException(413, f"the request has more than {most_bytes:,} bytes")
+    except TimeoutError:
+        raise HTTPException(408, f"the request took more than {SECONDS_TO_SEND} s") from None
     return bytes(body)
 
 

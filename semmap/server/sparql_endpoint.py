@@ -13,7 +13,6 @@ from urllib.parse import parse_qsl
 
 import psycopg
 import rdflib
-from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
@@ -34,7 +33,8 @@ from semmap.knowledge.vocabulary import IRI
 from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
 from semmap.language.error import QueryError
 from semmap.server.handles import Handles
-from semmap.server.requests import body_of, map_of
+from semmap.server.requests import body_of, client_of, map_of
+from semmap.server.turns import Turns
 
 GRAPH_FORMATS = {
     "text/turtle": "turtle",
@@ -56,11 +56,12 @@ class SparqlEndpoint:
         self,
         handles: Handles,
         role: Callable[[Request], str | None],
+        turns: Turns,
         *,
         seconds: float,
         rows: int,
     ) -> None:
-        self._handles, self._role = handles, role
+        self._handles, self._role, self._turns = handles, role, turns
         self._seconds, self._rows = seconds, rows
         self.routes = [
             Route("/sparql", self._sparql, methods=["GET", "POST"]),
@@ -73,7 +74,7 @@ class SparqlEndpoint:
         if kind == "update":
             self._writer(request)
         of = self._update if kind == "update" else self._query
-        return await run_in_threadpool(of, request, text, dataset)
+        return await self._in_turn(request, text, lambda: of(request, text, dataset))
 
     def _query(self, request: Request, text: str, dataset: Chosen | None) -> Response:
         with self._session(request) as session:
@@ -100,12 +101,19 @@ class SparqlEndpoint:
         if (named is None) == ("default" not in request.query_params):
             raise HTTPException(400, "name a graph: ?graph=IRI or ?default")
         if request.method in ("GET", "HEAD"):
-            return await run_in_threadpool(self._read_graph, request, named)
+            return await self._in_turn(request, "", lambda: self._read_graph(request, named))
         self._writer(request)
         if named is None and request.method != "POST":
             raise HTTPException(403, "the default graph is the map: it is not replaced")
         body = await body_of(request, MOST_BYTES)
-        return await run_in_threadpool(self._write_graph, request, named, body)
+        return await self._in_turn(request, body, lambda: self._write_graph(request, named, body))
+
+    async def _in_turn(
+        self, request: Request, text: str | bytes, answer: Callable[[], Response]
+    ) -> Response:
+        self._role(request)  # an unknown token has no turn
+        what = (request.method, request.url.path, request.url.query, hash(text))
+        return await self._turns.run(client_of(request), what, answer)
 
     def _read_graph(self, request: Request, named: str | None) -> Response:
         format_ = _chosen(request.headers.get("accept", "*/*"), GRAPH_FORMATS)

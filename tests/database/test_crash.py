@@ -11,15 +11,18 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
+import httpx
 import psycopg
 import pytest
 from sqlalchemy import Connection, create_engine
 
+import semmap
 from semmap.database import Cluster, open_engine
 from semmap.database.leftovers import servers_in
 from semmap.query.entity_query import changes_since
 from tests.database.conftest import as_owner, python, query, said
 from tests.database.test_embedded import ENSURE
+from tests.served import served
 
 COMMAND = """
 import sys
@@ -69,6 +72,16 @@ def kill_server(cluster: Cluster) -> int:
 def wait_until_gone(cluster: Cluster) -> None:
     while servers_in(cluster.data):
         time.sleep(0.01)
+
+
+def test_requests_are_told_to_try_again(own: Cluster) -> None:
+    with semmap.connect(own, migrate=True) as database, served(database) as url:
+        assert httpx.get(f"{url}/maps").status_code == 200
+        kill_server(own)
+        answer = httpx.get(f"{url}/maps", timeout=30)
+        assert (answer.status_code, answer.headers.get("retry-after")) == (503, "1")
+        own.ensure()
+        assert httpx.get(f"{url}/maps").status_code == 200
 
 
 def test_committed_rows_outlive_the_server(own: Cluster) -> None:
