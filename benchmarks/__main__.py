@@ -30,6 +30,7 @@ TABLES = (
     "manipulation",
     "perception",
     "knowledge",
+    "endpoint",
     "subscriptions",
     "reasoning",
     "interlinking",
