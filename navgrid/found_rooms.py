@@ -19,7 +19,7 @@ from shapely import LineString, Polygon, affinity
 from navgrid.grid import Grid, grid_around
 from navgrid.lintels import lintel_heights
 from navgrid.posts import between_posts
-from navgrid.room_segments import Gap, Passage, room_segments, wall_heading
+from navgrid.room_segments import Gap, Passage, border_labels, room_segments, wall_heading
 from navgrid.slabs import area_cells, mesh_of, occupancy
 from semmap.geometry.extent import extent
 from semmap.geometry.mesh import prism_mesh
@@ -48,8 +48,8 @@ PANEL, PANEL_HIGH, PANEL_PART = 0.3, 0.3, 0.8
 """Metres: what is so thin and so high and has no type fills a gap between walls of which it stands
 along so large a part: it is a parapet, and the gap no doorway."""
 
-SMALLEST, SMALLEST_CLOSED = 0.5, 2.0
-"""Square metres of a room, and of one into which no doorway leads: a smaller one is a shaft."""
+SMALLEST, SMALLEST_CLOSED = 1.25, 2.0
+"""Square metres of a room, at least, such as a toilet; and of one into which no doorway leads."""
 
 WALLS = frozenset({"wall", "window", "building_shell"})
 """Types of the parts of a building between which rooms are."""
@@ -216,7 +216,7 @@ def find_rooms(
         any(wall.properties.get("scanned") for wall in walls),
         list(_gates(scene, cells, grid, turn)),
     )
-    outside = set(_border(segments.labels).tolist())
+    outside = set(border_labels(segments.labels).tolist())
     entered = {segment for passage in segments.passages for segment in passage.segments}
     areas = np.bincount(segments.labels.ravel()) * resolution**2
     outlines = {
@@ -406,10 +406,6 @@ def turned_points(points: NDArray[np.float64], angle: float) -> NDArray[np.float
     return np.stack(
         [cos * x - sin * y, sin * x + cos * y, *np.moveaxis(points[..., 2:], -1, 0)], -1
     )
-
-
-def _border(labels: NDArray[np.int32]) -> NDArray[np.int32]:
-    return np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
 
 
 def outline_of_cells(cells: NDArray[np.bool_], grid: Grid) -> Polygon | None:

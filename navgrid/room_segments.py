@@ -7,13 +7,15 @@ end at both of its sides, or at one and it is narrow, along the direction of mos
 a doorway is narrower. Gaps in walls along rows and columns, and lintels that meshes show above a
 passage, are doorways before the flood; a beam across a room is none, as no wall goes on there.
 Passages between the ends of slanted walls are found by a first flood and closed for the second.
+Where a wall ends at one side of a passage alone, as in the corner of a room, it leads to a room
+from a hall, and else behind a screen or into a niche, which are parts of the room before it.
 Pillars divide nothing: what is small and stands free, but for a piece of wall between two doors.
 """
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -71,6 +73,9 @@ SURE = 0.8
 
 LEAST = 0.4
 """The confidence from which a passage divides two rooms."""
+
+UNSURE, HALL = 0.5, 3
+"""The confidence up to which passages divide rooms from halls alone; the passages of a hall."""
 
 _TURNS = np.radians(sorted(range(-40, 41, 5), key=abs))
 _EIGHT = np.ones((3, 3), np.bool_)
@@ -132,10 +137,16 @@ def room_segments(
     number, passages = _merged(_once(passages, resolution), int(labels.max(initial=0)) + 1)
     labels = number[labels]
     passages += _in_gaps(gaps, labels, resolution)
-    passages = _once(passages, resolution)
+    number, passages = _joined_without_hall(_once(passages, resolution), labels)
+    labels = number[labels]
     labels = _parted(labels, passages, closed, resolution)
     labels[pillars] = 0
     return RoomSegments(labels, tuple(passages))
+
+
+def border_labels(labels: Labels) -> Labels:
+    """The segments of the cells at the border of the grid, (N,)."""
+    return np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
 
 
 def _closed(walls: Cells, gaps: Sequence[Gap]) -> Cells:
@@ -530,6 +541,24 @@ def _at(walls: Cells, cells: NDArray[np.int64]) -> Cells:
     return found
 
 
+def _joined_without_hall(passages: list[Passage], labels: Labels) -> tuple[Labels, list[Passage]]:
+    """Join two segments between which all passages are unsure, if none of the two is a hall.
+
+    What is outside, at the border of the grid, is as a hall.
+    """
+    doors = Counter(segment for passage in passages for segment in passage.segments)
+    doors.update(dict.fromkeys(border_labels(labels).tolist(), HALL))
+    surest: defaultdict[tuple[int, int], float] = defaultdict(float)
+    for passage in passages:
+        surest[passage.segments] = max(surest[passage.segments], passage.confidence)
+    pairs = [
+        pair
+        for pair, confidence in surest.items()
+        if confidence <= UNSURE and max(doors[segment] for segment in pair) < HALL
+    ]
+    return _joined(pairs, passages, int(labels.max(initial=0)) + 1)
+
+
 def _merged(passages: list[Passage], count: int) -> tuple[Labels, list[Passage]]:
     """Join the segments between which a passage is no doorway.
 
@@ -539,7 +568,14 @@ def _merged(passages: list[Passage], count: int) -> tuple[Labels, list[Passage]]
     for passage in passages:
         sure[passage.segments] *= passage.confidence
     joined = [pair for pair, each in sure.items() if each < LEAST]
-    a, b = np.array(joined, np.int64).reshape(-1, 2).T
+    return _joined(joined, passages, count)
+
+
+def _joined(
+    pairs: Sequence[tuple[int, int]], passages: list[Passage], count: int
+) -> tuple[Labels, list[Passage]]:
+    """Join pairs of segments; return the new number of each, and the passages that are left."""
+    a, b = np.array(pairs, np.int64).reshape(-1, 2).T
     graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
     _, number = connected_components(graph, directed=False)
     left = []

@@ -64,6 +64,27 @@ def test_what_is_wide_or_in_line_with_no_wall_is_no_doorway() -> None:
     assert len(inside(walls, room_segments(walls, CELL).labels)) == 1
 
 
+def test_a_doorway_in_a_corner_leads_to_a_room_from_a_hall_alone() -> None:
+    """Beside few other doorways, it is the way behind a screen, or into a niche."""
+    walls = plan(7, 4)
+    wall_across(walls, 4.5, (3.1, 4.0))
+    assert len(inside(walls, room_segments(walls, CELL).labels)) == 1
+
+    walls = plan(9, 4)
+    row = 22 + round(2 / CELL)
+    walls[row : row + 2, 20:-20] = True
+    for x in (3, 6, 9):
+        walls[20:row, 22 + round(x / CELL) :][:, :2] = True
+        walls[row : row + 2, 22 + round((x - 0.9) / CELL) : 22 + round(x / CELL)] = False
+    found = room_segments(walls, CELL)
+    assert len(inside(walls, found.labels)) == 4
+    assert [door.confidence for door in found.passages] == [0.5] * 3
+
+    walls = plan(2, 2)  # from the outside, too
+    walls[22 + 18 : 22 + 38, 20:22] = False
+    assert len(inside(walls, room_segments(walls, CELL).labels)) == 1
+
+
 def test_a_lintel_makes_a_wide_passage_a_doorway_but_a_beam_does_not() -> None:
     walls = plan(10, 6)
     wall_across(walls, 5, (1.0, 5.0))
