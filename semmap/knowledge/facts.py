@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
@@ -76,6 +77,9 @@ def _refuse_unwritable(fact: Fact) -> None:
             code = f"U+{ord(wrong[0]):04X}"
             raise RefusedError(f"{code} is not a character: leave it out", fact)
 
+
+_ROWS = re.compile(r"(?:UPDATE|DELETE FROM) (\w+) (?:SET .*? )?(WHERE .*)")
+"""The table and condition of a statement."""
 
 DENIED = (psycopg.IntegrityError, psycopg.errors.InsufficientPrivilege)
 """How the server refuses a change."""
@@ -209,7 +213,13 @@ class FactWriter:
             )
 
     def _execute(self, sql: str, values: dict[str, Any]) -> int:
-        return max(0, self._view.session.execute(sql, values).rowcount)
+        session = self._view.session
+        changed = max(0, session.execute(sql, values).rowcount)
+        rows = None if changed else _ROWS.match(sql)
+        if rows and session.execute(f"SELECT 1 FROM {rows[1]} {rows[2]}", values).fetchone():
+            # A policy leaves out rows that a role may not change, without an error.
+            raise psycopg.errors.InsufficientPrivilege("the rights of the role do not allow this")
+        return changed
 
     def _entity(self, term: Any) -> int | None:
         if not isinstance(term, rdflib.URIRef):
