@@ -69,6 +69,11 @@ def test_a_doorway_in_a_corner_leads_to_a_room_from_a_hall_alone() -> None:
     walls = plan(7, 4)
     wall_across(walls, 4.5, (3.1, 4.0))
     assert len(inside(walls, room_segments(walls, CELL).labels)) == 1
+    with_doorway = walls.copy()
+    with_doorway[22 + 15 : 22 + 33, 22 + 90 :][:, :2] = False
+    assert len(inside(walls, room_segments(with_doorway, CELL).labels)) == 2
+    walls[22 + 30 : 22 + 48, 20:22] = False  # a front door
+    assert len(inside(walls, room_segments(walls, CELL).labels)) == 1
 
     walls = plan(9, 4)
     row = 22 + round(2 / CELL)
@@ -79,6 +84,10 @@ def test_a_doorway_in_a_corner_leads_to_a_room_from_a_hall_alone() -> None:
     found = room_segments(walls, CELL)
     assert len(inside(walls, found.labels)) == 4
     assert [door.confidence for door in found.passages] == [0.5] * 3
+
+    walls = plan(7, 6)  # what is wide is surer
+    wall_across(walls, 3, (1.15, 4.85))
+    assert len(inside(walls, room_segments(walls, CELL).labels)) == 2
 
     walls = plan(2, 2)  # from the outside, too
     walls[22 + 18 : 22 + 38, 20:22] = False
