@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+
+NO_CHARACTER = re.compile("[\x00\ud800-\udfff]")
+"""A code point that no text of the database has: NUL, and halves of surrogate pairs."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from semmap.knowledge.vocabulary import (
     prefixes,
     short,
 )
-from semmap.language.normalise import NO_CHARACTER
+from semmap.limits import NO_CHARACTER
 
 SKOLEM = "urn:semmap:blank:"  # blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)
 

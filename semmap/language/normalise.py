@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from semmap.language.error import QueryError
-from semmap.limits import QUERY_CHARACTERS, QUERY_WORDS
+from semmap.limits import NO_CHARACTER, QUERY_CHARACTERS, QUERY_WORDS
 
 _TOKEN = re.compile(
     r"""
@@ -33,9 +33,6 @@ _BARE_PREFIX = re.compile(r"PREFIX\s+[^\s:<]*:\s*(?P<iri>[^\s<]\S*)", re.IGNOREC
 _BARE_BASE = re.compile(r"BASE\s+(?P<iri>[^\s<]\S*)", re.IGNORECASE)
 _BRACKET = re.compile(r"\s*[({]")
 _ESCAPE = re.compile(r"(?<!\\)\\(?:u([0-9A-Fa-f]{4})|U([0-9A-Fa-f]{8}))")
-
-NO_CHARACTER = re.compile("[\x00\ud800-\udfff]")
-"""A code point that no text of the database has: NUL, and halves of surrogate pairs."""
 
 _MODIFIERS = frozenset(["STORE", "AT", "DURING", "GROUP", "HAVING", "ORDER", "LIMIT", "OFFSET"])
 """The keywords that end a WHERE without braces."""

@@ -65,7 +65,7 @@ class Turns:
         turn = _Turn(client, request)
         try:
             await self._wait(turn)
-            timer = asyncio.get_running_loop().call_later(SLOW_SECONDS, self._is_slow, turn)
+            timer = asyncio.get_running_loop().call_later(SLOW_SECONDS, self._mark_slow, turn)
             self._slow.pop(request, None)
             try:
                 return await run_in_threadpool(answer)
@@ -108,7 +108,7 @@ class Turns:
             self._running.add(turn)
             turn.begins.set()
 
-    def _is_slow(self, turn: _Turn) -> None:
+    def _mark_slow(self, turn: _Turn) -> None:
         turn.slow = True
         self._slow[turn.request] = None
         if len(self._slow) > MOST_REMEMBERED:

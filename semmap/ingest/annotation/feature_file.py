@@ -31,7 +31,7 @@ from semmap.ingest.georeference import (
 )
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
-from semmap.limits import EXTENT, NESTING, TEXT_BYTES, VERTICES
+from semmap.limits import EXTENT, NESTING, NO_CHARACTER, TEXT_BYTES, VERTICES
 
 ENDINGS = (".geojson", ".json", ".gpkg")
 
@@ -515,7 +515,7 @@ def checked_property(value: Any, key: str) -> Any:
         with contextlib.suppress(ValueError, RecursionError):
             value = json.loads(value)
     for text in (key, *_texts(value, key)):
-        if "\x00" in text or any("\ud800" <= c <= "\udfff" for c in text):
+        if NO_CHARACTER.search(text):
             raise Refused(f"{key!a} holds a character that is not valid in text", "Remove it.")
     return value
 
