@@ -34,6 +34,7 @@ from semmap.knowledge.vocabulary import (
     short,
 )
 from semmap.limits import NO_CHARACTER
+from semmap.query.refusal import denied
 
 SKOLEM = "urn:semmap:blank:"  # blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)
 
@@ -217,8 +218,7 @@ class FactWriter:
         changed = max(0, session.execute(sql, values).rowcount)
         rows = None if changed else _ROWS.match(sql)
         if rows and session.execute(f"SELECT 1 FROM {rows[1]} {rows[2]}", values).fetchone():
-            # A policy leaves out rows that a role may not change, without an error.
-            raise psycopg.errors.InsufficientPrivilege("the rights of the role do not allow this")
+            raise denied()
         return changed
 
     def _entity(self, term: Any) -> int | None:

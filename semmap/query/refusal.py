@@ -36,6 +36,11 @@ RULES = {
 """Constraints whose names do not say it, as sentences; the names of others are sentences."""
 
 
+def denied() -> errors.InsufficientPrivilege:
+    """Return the error for rows that a policy keeps from a role: a statement leaves them out."""
+    return errors.InsufficientPrivilege("the rights of the role do not allow this")
+
+
 def refusal_text(error: psycopg.Error) -> str:
     """What a statement was refused for, in a sentence."""
     name = error.diag.constraint_name

@@ -143,6 +143,15 @@ def test_the_least_role_may_and_the_ones_below_may_not(
     assert {role: may(flat, method, role) for role, flat in roles.items()} == expected
 
 
+def test_a_robot_that_may_not_change_a_room_is_told_so(roles: dict[str, semmap.Map]) -> None:
+    """Policies leave out rows without an error: what finds none was not done."""
+    with pytest.raises(InsufficientPrivilege, match="the rights of the role do not allow this"):
+        roles["robot"].fields.update(
+            'INSERT DATA { :kitchen :occupies "SPHERE(1 2 0.8 0.2)"^^:region }'
+        )
+    assert roles["admin"].fields.kept() == []
+
+
 def test_a_robot_adds_what_an_admin_adds(roles: dict[str, semmap.Map]) -> None:
     """The same box at one place has the same holder, and holds what stands on it."""
     held = {}

@@ -176,6 +176,12 @@ def test_a_robot_teaches_objects_and_what_it_saw_but_no_classes(flat: Map) -> No
         flat.teach({"knowledge": [{"name": "gadget"}]})
     with pytest.raises(BeliefError, match="may not teach that"):
         flat.teach({"model": {"there": 0.7}})
+    for told in (
+        {"knowledge": [{"name": "hall", "properties": {"colour": "red"}}]},
+        {"relations": [{"subject": "hall", "relation": "isA", "object": "kitchen"}]},
+    ):
+        with pytest.raises(BeliefError, match="rights of the role"):
+            flat.teach(told)
 
 
 def test_cycles_within_a_teaching_are_refused() -> None:

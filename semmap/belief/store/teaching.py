@@ -20,6 +20,7 @@ from semmap.belief.teaching import (
     is_a,
 )
 from semmap.ingest.ontology.tbox import KINDS
+from semmap.query.refusal import denied
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 from semmap.suggestions import misspelt, suggestion
@@ -53,8 +54,8 @@ def teach(session: psycopg.Connection[Any], teaching: Teaching) -> dict[str, int
         raise BeliefError(f"a value cannot be stored: {reason}") from error
     except errors.InsufficientPrivilege as error:
         raise BeliefError(
-            f"this login may not teach that ({error.diag.message_primary}): robots teach objects, "
-            "relations, actions and occurrences; classes are taught by an admin"
+            f"this login may not teach that ({error.diag.message_primary or error}): robots teach "
+            "objects, relations, actions and occurrences; classes are taught by an admin"
         ) from error
 
 
@@ -190,13 +191,17 @@ class _Lesson:
             if not concept.properties:
                 continue
             of_entity = concept.name in self.kinds
-            self.session.execute(
+            self._update(
                 "UPDATE entity SET properties = properties || %s "
                 "WHERE map_id = current_map() AND name = %s"
                 if of_entity
                 else "UPDATE semantic_type SET properties = properties || %s WHERE name = %s",
                 (Jsonb(concept.properties), self.resolved(concept.name)),
             )
+
+    def _update(self, statement: str, values: tuple[Any, ...]) -> None:
+        if not self.session.execute(statement, values).rowcount:
+            raise denied()
 
     def _add_object(self, taught: TaughtObject) -> None:
         kind = self.kinds.get(taught.name)
@@ -210,7 +215,7 @@ class _Lesson:
             raise BeliefError(f"{taught.name} is a {kind} of the map: teach objects and agents")
         if taught.properties:
             self._check_size(taught)
-            self.session.execute(
+            self._update(
                 "UPDATE entity SET properties = properties || %s "
                 "WHERE map_id = current_map() AND name = %s",
                 (Jsonb(taught.properties), taught.name),
@@ -304,7 +309,7 @@ class _Lesson:
             raise BeliefError(
                 f"{name} isA {wanted}: contradicts the map, where {name} is of the kind {kind}"
             )
-        self.session.execute(
+        self._update(
             "UPDATE entity SET type = %s WHERE map_id = current_map() AND name = %s", (wanted, name)
         )
         self.types[name] = wanted

@@ -21,6 +21,7 @@ from semmap.fields.regions.region_map import Role
 from semmap.fields.store import field_store
 from semmap.fields.store.run_statement import run
 from semmap.geometry.pose import Pose
+from semmap.query.refusal import denied
 from semmap.query.snapshot import Snapshot
 from semmap_vdb import BoolGrid
 
@@ -140,12 +141,14 @@ def save_stated(
         about=name,
         state={"pose": row.pose, "models": row.models, "made": made},
     )
-    run(  # this announces the change to all that follow the map
+    changed = run(  # this announces the change to all that follow the map
         session,
         "UPDATE entity SET properties = properties || jsonb_build_object('voxels', "
-        "%(version)s::integer) WHERE id = %(id)s",
+        "%(version)s::integer) WHERE id = %(id)s RETURNING 1",
         {"version": version, "id": row.id},
     )
+    if not changed:
+        raise denied()
 
 
 def _make_region(
