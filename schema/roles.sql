@@ -157,6 +157,7 @@ BEGIN
             ('put_door', ARRAY['semmap_admin']), ('turn_to', ARRAY['semmap_admin']), ('fit_shape', ARRAY['semmap_admin']),
             ('settle', ARRAY['semmap_reader', 'semmap_robot', 'semmap_admin']),
             ('refresh_belief', ARRAY['semmap_robot', 'semmap_admin']), ('refresh_beliefs', ARRAY['semmap_robot', 'semmap_admin']),
+            ('end_idle_robots', ARRAY['semmap_robot', 'semmap_admin']), ('robot_wastes_turn', ARRAY['semmap_robot', 'semmap_admin']),
             ('hold_still', ARRAY['semmap_robot', 'semmap_admin']), ('queue_writer', ARRAY['semmap_robot', 'semmap_admin']),
             ('move_to', ARRAY['semmap_robot', 'semmap_admin']), ('put', ARRAY['semmap_robot', 'semmap_admin']),
             ('claim', ARRAY['semmap_robot', 'semmap_admin']), ('drawn_model', ARRAY['semmap_robot', 'semmap_admin'])

@@ -133,8 +133,8 @@ RETURNS void LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Lets one transaction at a time move entities: two that move several entities in different orders could
 -- deadlock. It waits a second for the transaction before it, and twice as long for each one that follows: who
 -- asks again stands last, so that others who take turns would keep it waiting. If one transaction lasts so long,
--- it continues: the row locks keep the world coordinates correct, and the server resolves a deadlock. It does not
--- wait if the setting `semmap.queue` is off.
+-- it continues: the row locks keep the world coordinates correct, and the server resolves a deadlock. So it does at once
+-- where a robot has the turn and is idle. It does not wait if an admin turns the setting `semmap.queue` off.
 DECLARE
     seconds integer := 1;
     patience text := current_setting('lock_timeout');
@@ -142,10 +142,17 @@ DECLARE
     holder text;
     former_holder text;
 BEGIN
-    IF current_setting('semmap.queue', true) = 'off' OR pg_try_advisory_xact_lock(0, key) THEN
+    IF current_setting('semmap.queue', true) = 'off' AND semmap.is_trusted(semmap.caller()) THEN
+        RETURN;
+    END IF;
+    IF semmap.end_idle_robots() AND patience = '0' THEN
+        patience := set_config('lock_timeout', '11s', true);  -- then an error, and the next attempt ends the robot in the way
+    END IF;
+    IF pg_try_advisory_xact_lock(0, key) THEN
         RETURN;
     END IF;
     LOOP
+        EXIT WHEN semmap.robot_wastes_turn();
         BEGIN
             PERFORM set_config('lock_timeout', seconds || 's', true);
             PERFORM pg_advisory_xact_lock(0, key);
@@ -400,6 +407,10 @@ CREATE FUNCTION hold_still(thing bigint, into_holder bigint)
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Before a pose relative to a holder is computed from world coordinates: locks the holder against moves.
 BEGIN
+    IF NOT semmap.may_move(semmap.caller(), thing) THEN
+        RAISE EXCEPTION 'entity % is not moved: you may not move it', thing
+            USING ERRCODE = 'insufficient_privilege', HINT = 'A robot moves objects, regions and agents.';
+    END IF;
     PERFORM semmap.queue_writer();
     PERFORM semmap.lock_holders(ARRAY[into_holder, (SELECT holder_id FROM semmap.placement WHERE entity_id = thing)]);
 END $$;

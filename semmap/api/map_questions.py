@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from semmap.query.sql_statement import SqlRows
 
 ATTEMPTS = 5
-"""How often a single statement is tried that PostgreSQL ends to resolve a deadlock."""
+"""How often a single statement is tried that PostgreSQL ends for the locks of other sessions."""
 
 
 class MapQuestions:
@@ -187,8 +187,8 @@ class MapQuestions:
         """The rows of a SQL statement (psycopg's ``%s`` for values); tables have all maps.
 
         It may write: without ``WHERE map_id = current_map()``, it changes all maps; `sql` has the
-        views of this map alone. A statement that PostgreSQL ends to resolve a deadlock is repeated,
-        outside of transactions.
+        views of this map alone. Outside of transactions, a statement that PostgreSQL ends because
+        of a deadlock or a lock that is not free in time is tried five times.
 
         Raises
         ------
@@ -202,7 +202,11 @@ class MapQuestions:
             try:
                 cursor = session.execute(statement, values or None)
                 return cursor.fetchall() if cursor.description else []
-            except (errors.DeadlockDetected, errors.SerializationFailure):
+            except (
+                errors.DeadlockDetected,
+                errors.SerializationFailure,
+                errors.LockNotAvailable,  # the next attempt ends a robot that is in the way
+            ):
                 if not attempts:
                     raise
             except (errors.InsufficientPrivilege, errors.NoDataFound):

@@ -17,11 +17,13 @@ EXECUTABLE = {
     "copy_map": {"semmap_admin"},
     "drop_map": {"semmap_admin"},
     "drop_unused_models": {"semmap_admin"},
+    "end_idle_robots": {"semmap_robot", "semmap_admin"},
     "hold_still": {"semmap_robot", "semmap_admin"},
     "prune_changes": {"semmap_admin"},
     "prune_observations": {"semmap_admin"},
     "prune_history": {"semmap_admin"},
     "refresh_belief": {"semmap_robot", "semmap_admin"},
+    "robot_wastes_turn": {"semmap_robot", "semmap_admin"},
     "settle": {"semmap_reader", "semmap_robot", "semmap_admin"},
 }
 """Who may call the functions that run with their owner's rights; the others are for triggers."""

@@ -1,0 +1,227 @@
+"""What a robot's login tries in order to stop others, or to state what cannot be."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import psycopg
+import pytest
+from psycopg import errors
+from sqlalchemy import Engine
+
+import semmap
+from semmap.database import as_reader
+from tests.waiting import wait_until
+
+Login = psycopg.Connection[tuple[Any, ...]]
+ROBOTS = [f"hostile{number}_{os.getpid()}" for number in range(3)]
+SCENE = f"""
+INSERT INTO map (name) VALUES ('m');
+INSERT INTO entity (map_id, kind, name)
+    SELECT m.id, v.kind, v.name FROM map m, (VALUES ('room', 'lab'), ('connector', 'door'),
+        ('object', 'mug'), ('object', 'cup'), ('agent', '{ROBOTS[0]}')) v (kind, name);
+INSERT INTO room (entity_id) SELECT id FROM entity WHERE name = 'lab';
+INSERT INTO connector (entity_id, place_a, pose_a, pose_b)
+    SELECT d.id, r.id, planar_pose(0, 0), planar_pose(0, 0) FROM entity d, entity r
+    WHERE d.name = 'door' AND r.name = 'lab';
+INSERT INTO placement (entity_id) SELECT id FROM entity WHERE kind <> 'connector';
+"""
+TURN = "SELECT pg_advisory_xact_lock(0, hashtext('semmap.placement'))"
+
+
+@pytest.fixture(scope="module")
+def login(module_engine: Engine) -> Iterator[Callable[[str | None], Login]]:
+    """Opens a session of a robot's own login, or of the owner; all are closed at the end."""
+    reader = as_reader(module_engine)
+    if reader is None:
+        pytest.skip("logs in on an embedded database")
+    reader.dispose()
+    with module_engine.begin() as connection:
+        connection.exec_driver_sql(SCENE)
+        for name in ROBOTS:
+            connection.exec_driver_sql(f"CREATE ROLE {name} LOGIN IN ROLE semmap_robot")
+        users = Path(connection.exec_driver_sql("SHOW ident_file").scalar_one())
+        known = users.read_text()
+        owner = known.splitlines()[0].split()[1]
+        entries = [f"semmap {user} {name}\n" for name in ROBOTS for user in (owner, "root")]
+        users.write_text(known + "".join(entries))
+        connection.exec_driver_sql("SELECT pg_reload_conf()")
+    url = module_engine.url.set(drivername="postgresql")
+    opened: list[Login] = []
+
+    def connect(name: str | None = None) -> Login:
+        own = url if name is None else url.set(username=name)
+        session = psycopg.connect(
+            own.render_as_string(hide_password=False), options="-c search_path=semmap,public"
+        )
+        opened.append(session)
+        return session
+
+    def works() -> bool:
+        try:
+            connect(ROBOTS[0])
+        except psycopg.OperationalError:
+            return False
+        return True
+
+    wait_until(works)
+    yield connect
+    for session in opened:
+        session.close()
+    users.write_text(known)
+    with module_engine.begin() as connection:
+        connection.exec_driver_sql("SELECT pg_reload_conf()")
+        connection.exec_driver_sql("DELETE FROM map")
+        for name in ROBOTS:
+            connection.exec_driver_sql(f"DROP ROLE {name}")
+
+
+@pytest.fixture
+def robot(login: Callable[[str | None], Login]) -> Iterator[Login]:
+    session = login(ROBOTS[0])
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def owner(login: Callable[[str | None], Login]) -> Iterator[Login]:
+    session = login(None)
+    session.autocommit = True
+    yield session
+    session.close()
+
+
+def moves(session: Login, seconds: float) -> int:
+    """How often a session moves the cup in that time."""
+    end, count = time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        session.execute("SELECT move_to(entity_id('cup'), %s, 0, 0)", [count % 7])
+        count += 1
+    return count
+
+
+def hold_turns(
+    login: Callable[[str | None], Login], turn: str, seconds: float, stop: Event
+) -> list[Any]:
+    """Starts three robots that take the turn and hold it for so long, again and again."""
+
+    def hold(name: str) -> None:
+        while not stop.is_set():
+            try:
+                with login(name) as own:
+                    while not stop.is_set():
+                        own.execute(turn)
+                        stop.wait(seconds)
+                        own.rollback()
+                        own.execute("SELECT pg_advisory_unlock_all()")
+                        own.rollback()
+            except psycopg.OperationalError:
+                pass  # its session was ended
+
+    pool = ThreadPoolExecutor(3)
+    started = [pool.submit(hold, name) for name in ROBOTS]
+    pool.shutdown(wait=False)
+    return started
+
+
+@pytest.mark.parametrize(
+    ("turn", "seconds"),
+    [
+        (TURN, 1000.0),
+        (TURN, 0.9),
+        (TURN.replace("xact_", ""), 1000.0),
+        ("SELECT move_to(entity_id('mug'), 500, 500, 0)", 1000.0),
+    ],
+)
+def test_robots_that_hold_the_turn_do_not_stop_others(
+    login: Callable[[str | None], Login], owner: Login, turn: str, seconds: float
+) -> None:
+    """Where others waited for the robots, these were one or two moves."""
+    stop = Event()
+    started = hold_turns(login, turn, seconds, stop)
+    time.sleep(0.5)
+    count = moves(owner, 5)
+    stop.set()
+    for each in started:
+        each.result()
+    assert count > 50
+
+
+HELD = {
+    "a row": "SELECT FROM placement WHERE entity_id = entity_id('cup') FOR UPDATE",
+    "a table": "LOCK TABLE entity_model",
+}
+MOVE = "SELECT move_to(entity_id('cup'), random(), 5, 0)"
+
+
+@pytest.mark.parametrize("held", HELD)
+def test_an_idle_robot_that_keeps_others_waiting_is_ended(
+    login: Callable[[str | None], Login], robot: Login, owner: Login, held: str
+) -> None:
+    reader = login(ROBOTS[1])
+    reader.execute("SELECT count(*) FROM placement")  # nobody waits for it
+    reader.execute("SELECT pg_advisory_xact_lock(7)")
+    robot.execute("SET idle_in_transaction_session_timeout = 0")
+    robot.execute(HELD[held])
+    begin = time.monotonic()
+    with pytest.raises(errors.LockNotAvailable):
+        owner.execute(MOVE)
+    robot.execute("SELECT 1")
+    time.sleep(10.1)
+    owner.execute(MOVE)
+    assert time.monotonic() - begin < 25
+    with pytest.raises(psycopg.OperationalError, match="administrator command"):
+        robot.execute("SELECT 1")
+    reader.execute("SELECT 1")
+    reader.close()
+
+
+def test_the_api_tries_again_where_a_robot_is_in_the_way(
+    module_engine: Engine, login: Callable[[str | None], Login], robot: Login
+) -> None:
+    robot.execute(HELD["a row"])
+    with semmap.connect(module_engine.url.render_as_string(hide_password=False)) as db:
+        db.map("m")["cup"].move_to(3, 3, 0)
+        pose = db.map("m")["cup"].pose
+        assert pose is not None
+        assert (pose.x, pose.y) == (3, 3)
+
+
+def test_a_robot_does_not_keep_importers_waiting(robot: Login, owner: Login) -> None:
+    turn = "SELECT pg_advisory_xact_lock(hashtext('semmap.import'))"
+    robot.execute(turn)
+    time.sleep(10.1)
+    owner.execute("SELECT queue_writer()")
+    owner.execute("SET lock_timeout = '1s'")
+    owner.execute(turn)
+
+
+@pytest.mark.skipif("SEMMAP_SOAK" not in os.environ, reason="a minute: make soak")
+def test_a_robot_that_is_never_idle_is_ended(robot: Login, owner: Login) -> None:
+    robot.execute(HELD["a row"])
+    begin = time.monotonic()
+    while time.monotonic() < begin + 61:
+        robot.execute("SELECT 1")
+        time.sleep(0.5)
+    owner.execute("SET lock_timeout = '1s'")
+    owner.execute(MOVE)
+    with pytest.raises(psycopg.OperationalError, match="administrator command"):
+        robot.execute("SELECT 1")
+
+
+@pytest.mark.parametrize(
+    "call", ["hold_still(lab, NULL)", "move_to(lab, 1, 1, 0)", "put(lab, NULL)"]
+)
+def test_rights_come_before_the_turn(robot: Login, owner: Login, call: str) -> None:
+    with owner.transaction():
+        owner.execute(TURN)
+        begin = time.monotonic()
+        with pytest.raises(errors.InsufficientPrivilege):
+            robot.execute(f"SELECT {call} FROM entity_id('lab') lab")
+        assert time.monotonic() - begin < 0.5
