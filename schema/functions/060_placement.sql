@@ -228,7 +228,7 @@ RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 BEGIN
     NEW.since := greatest(statement_timestamp(), OLD.since + interval '1 microsecond');
     IF NEW.holder_id IS DISTINCT FROM OLD.holder_id AND NEW.confidence = OLD.confidence
-       AND coalesce(current_setting('semmap.deriving', true), '') = '' THEN
+       AND (coalesce(current_setting('semmap.deriving', true), '') = '' OR NOT semmap.is_trusted()) THEN
         NEW.confidence := NULL;
     END IF;
     RETURN NEW;

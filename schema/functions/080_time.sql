@@ -121,6 +121,7 @@ BEGIN
     IF NOT pg_try_advisory_xact_lock(hashtext('semmap.retention')) THEN
         RETURN;
     END IF;
+    PERFORM set_config('semmap.dropping', '', true), set_config('semmap.believing', '', true);  -- of a robot
     PERFORM semmap.prune_changes(5000);
     PERFORM semmap.prune_observations(1000);
     FOR ended IN

@@ -225,3 +225,111 @@ def test_rights_come_before_the_turn(robot: Login, owner: Login, call: str) -> N
         with pytest.raises(errors.InsufficientPrivilege):
             robot.execute(f"SELECT {call} FROM entity_id('lab') lab")
         assert time.monotonic() - begin < 0.5
+
+
+REFUSED = {
+    "a pose beyond the map": "SELECT move_to(entity_id('mug'), 99999, 0, 0)",
+    "a placement beyond the map": (
+        "UPDATE placement SET pose = planar_pose(0, -10001) WHERE entity_id = entity_id('mug')"
+    ),
+    "large properties": (
+        "UPDATE entity SET properties = jsonb_build_object('x', repeat('x', 65536)) "
+        "WHERE name = 'mug'"
+    ),
+    "an object with large properties": (
+        "INSERT INTO entity (map_id, kind, name, properties) "
+        "SELECT id, 'object', 'x', jsonb_build_object('x', repeat('x', 65536)) FROM map"
+    ),
+    "a link with large properties": (
+        "INSERT INTO link SELECT entity_id('mug'), 'near', entity_id('cup'), "
+        "jsonb_build_object('x', repeat('x', 65536))"
+    ),
+    "a passage of a year": (
+        "INSERT INTO execution (behaviour, entity_id, seconds, succeeded) "
+        "VALUES ('pass_door', entity_id('door'), 3e7, true)"
+    ),
+    "a ride to nowhere": (
+        "INSERT INTO execution (behaviour, entity_id, seconds, height, succeeded) "
+        "VALUES ('ride', entity_id('door'), 1, 'NaN', true)"
+    ),
+    "a door seen before 1970": "UPDATE connector SET state = 'open', seen_at = '1969-01-01'",
+    "a mission of the future": "{mission}; UPDATE mission SET heartbeat = '2999-01-01'",
+    "a mission ended before 1970": (
+        "{mission}; UPDATE mission SET state = 'done', ended_at = '1969-01-01'"
+    ),
+    "a step of the future": (
+        "{mission}; INSERT INTO mission_step (mission_id, number, action, arguments, command, "
+        "state, started_at) SELECT id, 1, 'x', '{{}}', '{{}}', 'started', '2999-01-01' FROM mission"
+    ),
+    "a step that ends before it starts": (
+        "{mission}; INSERT INTO mission_step (mission_id, number, action, arguments, command, "
+        "state, started_at, ended_at) SELECT id, 1, 'x', '{{}}', '{{}}', 'done', "
+        "now() - interval '1 minute', now() - interval '2 minutes' FROM mission"
+    ),
+    "a task before 1970": (
+        "INSERT INTO task (map_id, robot_id, kind, entity_id, outcome, created_at) "
+        f"SELECT id, entity_id('{ROBOTS[0]}'), 'put', entity_id('mug'), 'to run', '1969-01-01' "
+        "FROM map"
+    ),
+    "a fact of the future": (
+        "INSERT INTO statement (map_id, subject, predicate, object, tag, since) "
+        "SELECT id, 'urn:a', 'urn:b', 'c', 'I', '2999-01-01' FROM map"
+    ),
+}
+MISSION = (
+    "INSERT INTO mission (map_id, robot_id, goal) "
+    f"SELECT id, entity_id('{ROBOTS[0]}'), 'on(mug, cup)' FROM map"
+)
+
+
+@pytest.mark.parametrize("attack", REFUSED)
+def test_limits_on_what_a_robot_states(robot: Login, attack: str) -> None:
+    *before, last = REFUSED[attack].format(mission=MISSION).split("; ")
+    for statement in before:
+        robot.execute(statement)
+    with pytest.raises(errors.CheckViolation, match="a robot states"):
+        robot.execute(last)
+
+
+def test_an_admin_states_what_a_robot_may_not(owner: Login) -> None:
+    for statement in REFUSED.values():
+        with owner.transaction(force_rollback=True):
+            owner.execute("SET LOCAL ROLE semmap_admin")
+            for part in statement.format(mission=MISSION).split("; "):
+                owner.execute(part)
+
+
+FORGED = {
+    "before the move": "SET semmap.deriving = 'on'; SELECT move_to(entity_id('mug'), 1, 1, 0)",
+    "in the move": (
+        "UPDATE placement SET pose = planar_pose(2, 2) WHERE entity_id = entity_id('mug') "
+        "AND set_config('semmap.deriving', 'on', false) = 'on'"
+    ),
+    "beneath a trigger": (
+        "CREATE TEMPORARY TABLE mine (id bigint); "
+        "CREATE FUNCTION pg_temp.move() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN "
+        "PERFORM set_config('semmap.deriving', 'on', false), "
+        "semmap.move_to(semmap.entity_id('mug'), 3, 3, 0) $SEMI$ RETURN NULL $SEMI$ END $$; "
+        "CREATE TRIGGER move AFTER INSERT ON mine EXECUTE FUNCTION pg_temp.move(); "
+        "INSERT INTO mine VALUES (1)"
+    ),
+}
+
+
+@pytest.mark.parametrize("how", FORGED)
+def test_a_robot_does_not_pass_its_moves_off_as_derived(robot: Login, how: str) -> None:
+    for statement in FORGED[how].split("; "):
+        robot.execute(statement.replace("$SEMI$", ";"))
+    reasons = robot.execute(
+        "SELECT DISTINCT reason FROM placement_history WHERE entity_id = entity_id('mug')"
+    ).fetchall()
+    assert reasons == [(None,)]
+
+
+def test_a_robot_does_not_hide_a_change(robot: Login) -> None:
+    robot.execute("SET semmap.dropping = 'on'")
+    robot.execute("INSERT INTO link SELECT entity_id('mug'), 'near', entity_id('cup')")
+    told = robot.execute(
+        "SELECT what FROM change WHERE xid = pg_current_xact_id()::text::bigint"
+    ).fetchall()
+    assert told == [("linked",)]
