@@ -24,22 +24,23 @@ BEGIN
         ('placement', 'pose', 'greatest(abs(NEW.pose[1]), abs(NEW.pose[2]), abs(NEW.pose[3])) > 10000',
          'poses within 10,000 m of the holder or the map''s origin'),
         ('entity', 'properties', 'pg_column_size(NEW.properties) > 65536', 'properties of at most 64 kB'),
-        ('link', 'properties', 'pg_column_size(NEW.properties) > 65536', 'properties of at most 64 kB'),
-        ('execution', 'seconds', 'NEW.seconds > 86400', 'durations of at most a day'),
-        ('execution', 'height', 'NOT abs(NEW.height) <= 10000', 'heights of at most 10,000 m'),
+        ('link', NULL, 'pg_column_size(NEW.*) > 65536', 'properties of at most 64 kB'),
+        ('execution', NULL, 'NEW.seconds > 86400', 'durations of at most a day'),
+        ('execution', NULL, 'NOT abs(NEW.height) <= 10000', 'heights of at most 10,000 m'),
         ('connector', 'seen_at', 'NEW.seen_at < clock_timestamp() - interval ''30 days''', 'times of the last 30 days'),
-        ('observation', 'at', 'NEW.at < clock_timestamp() - interval ''30 days''', 'times of the last 30 days'),
+        ('observation', NULL, 'NEW.at < clock_timestamp() - interval ''30 days''', 'times of the last 30 days'),
         ('field_version', 'at', 'NEW.at > clock_timestamp()', 'no times in the future'),
         ('mission', 'heartbeat', 'NOT is_recent(NEW.heartbeat)', 'times of the last 30 days'),
         ('mission', 'ended_at', 'NOT is_recent(NEW.ended_at)', 'times of the last 30 days'),
         ('mission_step', 'started_at', 'NOT is_recent(NEW.started_at)', 'times of the last 30 days'),
         ('mission_step', 'ended_at', 'NOT is_recent(NEW.ended_at)', 'times of the last 30 days'),
         ('mission_step', 'ended_at', 'NEW.ended_at < NEW.started_at', 'ends after their starts'),
-        ('task', 'created_at', 'NOT is_recent(NEW.created_at)', 'times of the last 30 days'),
+        ('task', NULL, 'NOT is_recent(NEW.created_at)', 'times of the last 30 days'),
         ('statement', 'since', 'NOT is_recent(NEW.since)', 'times of the last 30 days')) b (of, stated, beyond, sentence)
     LOOP
         EXECUTE format('CREATE TRIGGER robot_adds_less_%s BEFORE INSERT ON %I FOR EACH ROW WHEN (%s) '
                        'EXECUTE FUNCTION robot_states_less(%L)', bound.number, bound.of, bound.beyond, bound.sentence);
+        CONTINUE WHEN bound.stated IS NULL;  -- a robot only adds it
         EXECUTE format('CREATE TRIGGER robot_states_less_%1$s BEFORE UPDATE OF %2$I ON %3$I FOR EACH ROW '
                        'WHEN (NEW.%2$I IS DISTINCT FROM OLD.%2$I AND (%4$s)) EXECUTE FUNCTION robot_states_less(%5$L)',
                        bound.number, bound.stated, bound.of, bound.beyond, bound.sentence);
