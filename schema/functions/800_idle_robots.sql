@@ -62,7 +62,9 @@ BEGIN
                a.state LIKE 'idle%' AND a.state_change < clock_timestamp() - interval '10 s'
                OR a.xact_start < clock_timestamp() - interval '1 minute' AS late
         FROM pg_catalog.pg_stat_activity a
-        WHERE a.datname = current_database() AND a.pid <> pg_backend_pid() AND NOT semmap.is_trusted(a.usename)
+        WHERE a.datname = current_database() AND a.pid <> pg_backend_pid()
+          AND (a.xact_start IS NOT NULL OR a.pid IN (SELECT l.pid FROM pg_catalog.pg_locks l WHERE l.locktype = 'advisory'))
+          AND NOT semmap.is_trusted(a.usename)
     LOOP
         IF robot.late AND pg_has_role('pg_signal_backend', 'USAGE') AND semmap.keeps_others_waiting(robot.pid) THEN
             PERFORM pg_terminate_backend(robot.pid);
