@@ -140,8 +140,8 @@ BEGIN
     INSERT INTO semmap.region (entity_id, of_id, model_id, faces, origin, valid)
         SELECT t.new, o.new, r.model_id, r.faces, r.origin, r.valid
         FROM semmap.region r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin o ON o.old = r.of_id;
-    INSERT INTO semmap.statement (map_id, graph, subject_id, subject, predicate, object_id, object, tag, since, until)
-        SELECT copied, s.graph, a.new, s.subject, s.predicate, b.new, s.object, s.tag, s.since, s.until
+    INSERT INTO semmap.statement (map_id, graph, subject_id, subject, predicate, object_id, object, tag, since, until, stated_by)
+        SELECT copied, s.graph, a.new, s.subject, s.predicate, b.new, s.object, s.tag, s.since, s.until, s.stated_by
         FROM semmap.statement s LEFT JOIN pg_temp.twin a ON a.old = s.subject_id LEFT JOIN pg_temp.twin b ON b.old = s.object_id
         WHERE s.map_id = original.id;
     INSERT INTO semmap.taught_relation SELECT copied, subject, relation, object FROM semmap.taught_relation WHERE map_id = original.id;

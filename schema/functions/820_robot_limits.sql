@@ -16,6 +16,29 @@ BEGIN ATOMIC
 SELECT moment BETWEEN clock_timestamp() - interval '30 days' AND clock_timestamp();
 END;
 
+CREATE FUNCTION robot_states_its_own()
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
+-- A robot states in its own name. Of the statements of others, it deletes those that have ended, and lets others last longer.
+BEGIN
+    IF TG_OP = 'INSERT' THEN
+        NEW.stated_by := CASE WHEN semmap.is_trusted() THEN NEW.stated_by ELSE current_user END;
+    ELSIF NOT semmap.is_trusted() THEN
+        IF NOT EXISTS (SELECT FROM pg_catalog.pg_roles r WHERE r.rolname = OLD.stated_by AND pg_has_role(r.oid, 'MEMBER'))
+           AND coalesce(OLD.until > statement_timestamp(), true)
+           AND (TG_OP = 'DELETE' OR NEW.until < coalesce(OLD.until, 'infinity')
+                OR to_jsonb(NEW) - 'until' <> to_jsonb(OLD) - 'until') THEN
+            RAISE EXCEPTION 'statement %: % stated it', OLD.id, coalesce(OLD.stated_by, 'nobody known')
+                USING ERRCODE = 'insufficient_privilege', HINT = 'A robot changes and takes back its own statements.';
+        ELSIF TG_OP = 'UPDATE' THEN
+            NEW.stated_by := CASE WHEN OLD.until <= statement_timestamp() THEN current_user ELSE OLD.stated_by END;
+        END IF;
+    END IF;
+    RETURN CASE TG_OP WHEN 'DELETE' THEN OLD ELSE NEW END;
+END $$;
+
+CREATE TRIGGER robot_states_its_own BEFORE INSERT OR UPDATE OR DELETE ON statement
+    FOR EACH ROW EXECUTE FUNCTION robot_states_its_own();
+
 DO $$
 DECLARE
     bound record;

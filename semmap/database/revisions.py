@@ -29,7 +29,7 @@ def installed(connection: psycopg.Connection[Any]) -> str | None:
     """The revision that the database has; None where there is no schema yet.
 
     A downgrade drops the functions: without them, a revision is told as ``0001 without functions``;
-    with those of another version of semmap, the newest is told as ``0004 with other functions``.
+    with those of another version of semmap, the newest is told as ``0005 with other functions``.
     DatabaseError where the user has no right to read it.
     """
     try:

@@ -333,3 +333,43 @@ def test_a_robot_does_not_hide_a_change(robot: Login) -> None:
         "SELECT what FROM change WHERE xid = pg_current_xact_id()::text::bigint"
     ).fetchall()
     assert told == [("linked",)]
+
+
+STATE = (
+    "INSERT INTO statement (map_id, subject, predicate, object, tag, until) "
+    "SELECT id, 'urn:a', %s, 'c', 'I', %s::timestamptz FROM map"
+)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "DELETE FROM statement",
+        "UPDATE statement SET until = now()",
+        "UPDATE statement SET object = 'd'",
+        "UPDATE statement SET stated_by = current_user",
+    ],
+)
+def test_a_robot_takes_back_its_own_statements_alone(
+    login: Callable[[str | None], Login], robot: Login, owner: Login, change: str
+) -> None:
+    other = login(ROBOTS[1])
+    for session, predicate in ((owner, "urn:owner"), (other, "urn:other"), (robot, "urn:own")):
+        session.execute(STATE, [predicate, None])
+    other.commit()
+    robot.execute("UPDATE statement SET stated_by = 'nobody' WHERE predicate = 'urn:own'")
+    robot.commit()
+    other.close()
+    for predicate in ("urn:owner", "urn:other"):
+        with pytest.raises(errors.InsufficientPrivilege, match="stated it"):
+            robot.execute(f"{change} WHERE predicate = %s", [predicate])
+        robot.rollback()
+    assert robot.execute(f"{change} WHERE predicate = 'urn:own'").rowcount == 1
+    robot.rollback()
+    assert owner.execute("DELETE FROM statement").rowcount == 3
+
+
+def test_a_robot_deletes_statements_that_have_ended(robot: Login, owner: Login) -> None:
+    owner.execute(STATE, ["urn:owner", "2020-01-01"])
+    assert robot.execute("DELETE FROM statement").rowcount == 1
+    robot.commit()
