@@ -239,10 +239,15 @@ def _check_file(path: Path) -> None:
     """Refuse files that would take minutes to parse."""
     error = _error(path, "file")
     TEXT_BYTES.check(path.stat().st_size, error, "Is it a URDF?")
-    text = path.read_bytes()
-    if b"<!DOCTYPE" in text:
+    try:
+        text = path.read_text("utf-8")
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:  # UTF-16 without a byte order mark has these
+        raise error("is not UTF-8", "Save it as UTF-8.")
+    if "<!DOCTYPE" in text:
         raise error("declares a document type", "Remove the <!DOCTYPE ...> declaration.")
-    LINKS.check(text.count(b"<link"), error, "Leave out links without effect.")
+    LINKS.check(text.count("<link"), error, "Leave out links without effect.")
 
 
 def _numbers(

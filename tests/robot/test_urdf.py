@@ -211,6 +211,17 @@ def test_numbers_and_sizes_of_no_robot(tmp_path: Path, old: str, new: str, says:
         load_robot(by_hand(tmp_path, BY_HAND.replace(old, new, 1)))
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "latin-1"])
+def test_a_robot_that_is_not_utf_8(tmp_path: Path, encoding: str) -> None:
+    """20,000 links in UTF-16 passed the limit, and took more than a minute."""
+    path = tmp_path / "robot.urdf"
+    links = "".join(f"<link name='é{i}'/>" for i in range(20_000))
+    text = f'<?xml version="1.0" encoding="{encoding}"?><robot name="r">{links}</robot>'
+    path.write_bytes(text.encode(encoding))
+    with pytest.raises(RobotError, match=r"robot.urdf: file: is not UTF-8. Save it as UTF-8"):
+        load_robot(path)
+
+
 def test_a_link_that_hangs_on_no_joint(tmp_path: Path) -> None:
     loose = '<link name="loose"><collision><geometry><box size="1 1 1"/></geometry></collision>'
     text = BY_HAND.replace("</robot>", f"{loose}</link></robot>")
