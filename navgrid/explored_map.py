@@ -144,7 +144,7 @@ def _pockets(unknown: Cells, occupied: Cells, obstacles: Cells, resolution: floa
 
 def _straightened(cells: Cells, resolution: float) -> Cells:
     """Cells as most of those beside them are, along rows or columns; others where no wall is."""
-    window = round(STRAIGHT / resolution)
+    window = max(1, round(STRAIGHT / resolution))
     straight = np.zeros_like(cells)
     for axis in (0, 1):
         straight |= ndimage.uniform_filter1d(cells.astype(np.float32), window, axis=axis) > 0.5

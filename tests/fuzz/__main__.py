@@ -27,7 +27,7 @@ from typing import Any
 from tests.fuzz.cases import FOLDER, keep, kept
 from tests.fuzz.kinds import KINDS
 from tests.fuzz.pool import Result, Worker, encoded
-from tests.fuzz.stored_knowledge import served
+from tests.fuzz.server import served
 
 PROGRESS = Path("build/fuzz.json")
 """Where a run of a number of cases stores how far it is."""

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from random import Random
 
+from semmap.error import Error
 from tests.fuzz.mutate import MOST_BYTES, Mutation
 
 SERVER = "SEMMAP_FUZZ_DB"
@@ -24,7 +25,7 @@ class Kind:
     make_seeds : valid inputs, as bytes
     mutations : one of them is chosen for each case
     run : takes an input, and a folder for files; returns where it is accepted
-    refused : what it may raise
+    refused : what it may raise; a native function raises errors of Python
     server : whether it needs the database of `SERVER`
     """
 
@@ -32,8 +33,8 @@ class Kind:
     make_seeds: Callable[[], Sequence[bytes]]
     mutations: Sequence[Mutation]
     run: Callable[[bytes, Path], None]
-    refused: tuple[type[BaseException], ...]
-    server: bool = False
+    refused: tuple[type[BaseException], ...] = (Error,)
+    server: bool = True
 
     @cached_property
     def seeds(self) -> list[bytes]:

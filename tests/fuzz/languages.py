@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from random import Random
 
 import numpy as np
 
-from planner.tasks import GoalError, NoPlanError, TaskState, parse_goal
+from planner.tasks import TaskState, parse_goal
 from planner.tasks.problem_builder import build_problem
-from planner.tasks.world import UnknownObjectError
 from semmap.fields import Box, RegionMap
 from semmap.fields.queries import QueryError, SelectResult, query, update
-from semmap.fields.regions.region_text import FORMS, read_region
+from semmap.fields.regions.region_text import FORMS
 from tests.fields.queries.arrays import PREFIX, kitchen
 from tests.fields.queries.test_query import ANSWERS, STORES
 from tests.fuzz.files import network
@@ -242,7 +242,8 @@ def run_update(data: bytes, _: Path) -> None:
 
 def run_region(data: bytes, _: Path) -> None:
     regions = RegionMap(0.05)
-    regions.insert("a", read_region(data.decode("utf-8", "replace")))
+    literal = json.dumps(data.decode("utf-8", "replace"))
+    update(regions, f"{PREFIX}INSERT DATA {{ :a :occupies {literal}^^:region }}")
     check_region_map(regions._native)
 
 
@@ -286,20 +287,18 @@ def run_goal(data: bytes, _: Path) -> None:
 TEXT = [words_of, words_of, bytes_of, lines_of]
 
 LANGUAGE_KINDS = [
-    Kind("query", queries, [*TEXT, *[grammar_query] * 4], run_query, (QueryError,)),
-    Kind("update", updates, [*TEXT, *[grammar_update] * 4], run_update, (QueryError,)),
+    Kind("query", queries, [*TEXT, *[grammar_query] * 4], run_query),
+    Kind("update", updates, [*TEXT, *[grammar_update] * 4], run_update),
     Kind(
         "region",
         lambda: [b"SPHERE(0 0 0 1)", b"BOX(0 0 0 1 1 1)"],
         [grammar_region, words_of],
         run_region,
-        (ValueError,),
     ),
     Kind(
         "goal",
         lambda: [g.encode() for g in goals()],
         [*TEXT, *[grammar_goal] * 4],
         run_goal,
-        (GoalError, NoPlanError, UnknownObjectError),
     ),
 ]

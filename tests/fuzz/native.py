@@ -702,7 +702,7 @@ def seeds() -> list[bytes]:
 def _steps(
     name: str, make: Callable[..., Any], init: Good, steps: dict[str, Good], threaded: bool = False
 ) -> Kind:
-    return Kind(name, seeds, [steps_case(init, steps, threaded)], run_steps(make), REFUSED)
+    return Kind(name, seeds, [steps_case(init, steps, threaded)], run_steps(make), REFUSED, False)
 
 
 def grid_init(kind: str) -> Good:
@@ -713,8 +713,8 @@ def grid_init(kind: str) -> Good:
 
 
 NATIVE_KINDS = [
-    Kind("native functions", seeds, [function_case], run_function, REFUSED),
-    Kind("native shapes", seeds, [shape_case], run_shape, REFUSED),
+    Kind("native functions", seeds, [function_case], run_function, REFUSED, False),
+    Kind("native shapes", seeds, [shape_case], run_shape, REFUSED, False),
     _steps("native Graph", semmap_native.Graph, graph, GRAPH_STEPS, True),
     _steps("native RegionMap", RegionMap, lambda r: {"voxel_size": 0.1}, REGION_STEPS, True),
     *(

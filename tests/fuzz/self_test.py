@@ -42,5 +42,5 @@ def _misbehave(data: bytes, folder: Path) -> None:
             os.abort()
 
 
-SELF_TEST = Kind("self test", lambda: [b"accept"], [_same], _misbehave, (ValueError,))
+SELF_TEST = Kind("self test", lambda: [b"accept"], [_same], _misbehave, (ValueError,), False)
 KINDS = {SELF_TEST.name: SELF_TEST}

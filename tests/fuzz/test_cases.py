@@ -14,7 +14,8 @@ from tests.fuzz.kind import SERVER, Kind
 from tests.fuzz.knowledge_files import KNOWLEDGE_FILE_KINDS
 from tests.fuzz.languages import LANGUAGE_KINDS
 from tests.fuzz.pool import Worker, encoded
-from tests.fuzz.stored_knowledge import STORED_KINDS, close, prepare
+from tests.fuzz.server import close, prepare
+from tests.fuzz.stored_knowledge import STORED_KINDS
 
 
 @pytest.fixture(scope="module", autouse=True)
