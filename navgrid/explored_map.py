@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +23,15 @@ from navgrid.room_segments import wall_gaps, wall_heading
 from semmap.geometry.cell_outline import cell_outline
 from semmap.geometry.mesh import prism_mesh
 from semmap.ingest.world import Entry, Shape, StoreyDetail, World, WorldError
+from semmap.limits import EXTENT
 
 Cells = NDArray[np.bool_]
 
 WALL_HEIGHT, OBSTACLE_HEIGHT = 2.5, 1.0
 """Metres: assumed, since a scan is level."""
+
+FINE = 0.005
+"""Metres of a cell, at least: what takes pieces of walls takes minutes with more cells of them."""
 
 COARSE = 1.0
 """Metres of a cell, at least, that no robot maps with: its resolution is of another unit."""
@@ -76,6 +81,14 @@ def read_explored_map(path: Path) -> World:
         grid, cells = read_map(path)
     except MapFileError as error:
         raise WorldError(path, error.element, error.problem, f"{error.fix}.") from error
+    if grid.resolution < FINE:
+        problem = f"is {grid.resolution:g}: a cell is narrower than {FINE} m"
+        raise WorldError(path, "resolution", problem, "Give metres of a cell.")
+    reach = np.abs(
+        [grid.origin, np.add(grid.origin, grid.resolution * np.array(cells.shape[::-1]))]
+    )
+    refused = partial(WorldError, path, "image")
+    EXTENT.check(float(reach.max()), refused, "Give metres of a cell, not millimetres.", "reaches")
     occupied = cells >= (OCCUPIED + FREE) // 2
     if not occupied.any():
         raise WorldError(path, "image", "has no occupied cell", "Give the map of a building.")

@@ -12,7 +12,6 @@ import os
 import re
 import tempfile
 from collections.abc import Iterable
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -23,9 +22,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from navgrid.grid import FREE, OCCUPIED, UNKNOWN, Grid, file_name
-from navgrid.voxel_cells import voxel_cells
+from navgrid.voxel_cells import SLACK
 from semmap.error import Error
-from semmap.geometry.voxels import Voxels
 from semmap.limits import CONFIG_BYTES, PIXELS
 from semmap.yaml_file import check_structure
 
@@ -358,7 +356,17 @@ def map_layer(path: Path | str, grid: Grid, threshold: int = 65) -> NDArray[np.b
 
 def resampled(source: Grid, occupied: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_]:
     """Return the (rows, columns) bool cells of `grid` that occupied cells of `source` overlap."""
-    rows, columns = np.nonzero(occupied)
-    squares = Voxels(source.resolution, np.stack([columns, rows, np.zeros_like(rows)], axis=1))
-    x, y = np.subtract(grid.origin, source.origin).tolist()
-    return voxel_cells(squares, (0, 0), replace(grid, origin=(x, y))) > 0
+    # of occupied cells below and left: its differences are the numbers in rectangles
+    counts = np.zeros((occupied.shape[0] + 1, occupied.shape[1] + 1), np.int32)
+    counts[1:, 1:] = occupied.cumsum(0, np.int32).cumsum(1, np.int32)
+    ratio = grid.resolution / source.resolution
+    ranges = []
+    for axis, most in enumerate(occupied.shape[::-1]):
+        offset = (grid.origin[axis] - source.origin[axis]) / source.resolution
+        low = offset + np.arange(grid.shape[::-1][axis]) * ratio
+        begin, end = np.floor(low + SLACK * ratio), np.ceil(low + (1 - SLACK) * ratio)
+        ranges.append([np.clip(each, 0, most).astype(int) for each in (begin, end)])
+    (left, right), (below, above) = ranges
+    upper, lower = counts[above], counts[below]
+    found: NDArray[np.bool_] = upper[:, right] - upper[:, left] > lower[:, right] - lower[:, left]
+    return found

@@ -13,7 +13,8 @@ from semmap.geometry.voxels import Voxels
 _DENSE = 100
 """Places per voxel up to which a table of all places is quicker than sorting."""
 
-_SLACK = 1e-9  # of a cell: a voxel that only touches the border of a cell is not in it
+SLACK = 1e-9
+"""Of a cell: a voxel that only touches the border of a cell is not in it."""
 
 
 def voxels_between(voxels: Voxels, interval: tuple[float, float]) -> NDArray[np.bool_]:
@@ -52,8 +53,8 @@ def voxel_cells(
     )
     # A column of voxels meets a block of cells; one step writes one cell of every block.
     at = (columns * voxels.size - np.array(grid.origin)) / grid.resolution
-    first = np.floor(at + _SLACK).astype(np.int64)
-    last = np.ceil(at + voxels.size / grid.resolution - _SLACK).astype(np.int64) - 1
+    first = np.floor(at + SLACK).astype(np.int64)
+    last = np.ceil(at + voxels.size / grid.resolution - SLACK).astype(np.int64) - 1
     widest = math.ceil(voxels.size / grid.resolution) + 1
     for i in range(widest):
         for j in range(widest):

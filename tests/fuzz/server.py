@@ -94,10 +94,10 @@ def undone(here: psycopg.Connection[Any]) -> Iterator[None]:
 
 def import_case(path: Path) -> None:
     """Import a file as a map, and drop that; a refused one leaves none."""
-    database = loft().database
+    database, name = loft().database, f"case {os.getpid()}"
     try:
-        database.import_file(path, map="case")
+        database.import_file(path, map=name)
     except Error:
-        assert "case" not in database.maps, "a refused file changes nothing"
+        assert name not in database.maps, "a refused file changes nothing"
         raise
-    database.drop_map("case")
+    database.drop_map(name)

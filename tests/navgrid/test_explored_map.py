@@ -141,6 +141,29 @@ def test_occupied_cells_are_walls_or_obstacles_and_the_border_is_not_free(tmp_pa
     assert not shapely.contains_xy(of["obstacles"], x, y)[shades[::-1][rows, columns] != 0].any()
 
 
+def test_walls_of_a_coarse_scan_are_read(tmp_path):
+    """Cells wider than the piece of a wall that is straightened."""
+    shades = np.random.default_rng(1).integers(0, 256, (7, 9)).astype(np.uint8)
+    path = write(tmp_path, shades)
+    path.write_text(path.read_text().replace(f"resolution: {SIDE}", "resolution: 1.0"))
+    assert read_explored_map(path).entries
+
+
+@pytest.mark.parametrize(
+    ("resolution", "says"),
+    [
+        ("1.0e-9", "resolution: is 1e-09: a cell is narrower than 0.005 m"),
+        ("1.0e+9", "image: reaches 8,999,999,997 m, the limit is 10,000 m. Give metres of a cell"),
+    ],
+)
+def test_cells_of_no_building_are_refused(tmp_path, resolution, says):
+    """Pieces of walls would have billions of cells; the database has no numbers so large."""
+    path = write(tmp_path, np.zeros((7, 9), np.uint8))
+    path.write_text(path.read_text().replace(f"resolution: {SIDE}", f"resolution: {resolution}"))
+    with pytest.raises(WorldError, match=says):
+        read_explored_map(path)
+
+
 def test_files_that_are_no_map_of_a_building_are_refused(tmp_path):
     path = write(tmp_path, np.full((20, 20), 254, np.uint8))
     with pytest.raises(WorldError, match="no occupied cell"):

@@ -270,3 +270,21 @@ def test_a_slam_map_becomes_a_layer(tmp_path: Path) -> None:
 def test_resampling_to_the_same_grid_changes_no_cell() -> None:
     cells = np.random.default_rng(2).random(GRID.shape) < 0.1
     assert (resampled(GRID, cells, GRID) == cells).all()
+
+
+@pytest.mark.parametrize("side", [0.003, 0.01, 0.07, 0.3, 1e9])
+def test_resampling_finds_each_cell_that_an_occupied_one_overlaps(side: float) -> None:
+    """The widest cells took days: each was drawn cell by cell."""
+    grid = Grid((0.013, -0.021), 0.05, (6, 8))
+    source = Grid((-0.04, -0.09), side, (7, 9))
+    occupied = np.random.default_rng(3).random(source.shape) < 0.3
+    occupied[0, 0] = True
+
+    def overlaps(axis: int) -> np.ndarray:
+        """Whether a cell of the grid and one of the source overlap, along an axis."""
+        low = grid.origin[axis] + np.arange(grid.shape[1 - axis])[:, None] * grid.resolution
+        begin = source.origin[axis] + np.arange(source.shape[1 - axis]) * side
+        return (low < begin + side) & (begin < low + grid.resolution)
+
+    expected = overlaps(1).astype(int) @ occupied @ overlaps(0).T.astype(int) > 0
+    assert (resampled(source, occupied, grid) == expected).all()

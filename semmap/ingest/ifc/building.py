@@ -6,6 +6,7 @@ IFC 4.3 (ISO 16739-1:2024), 5.4: the spatial structure.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import shapely
@@ -108,7 +109,7 @@ class IfcBuilding:
             )
         heights = {level: self.file.placement(level).z for level in levels if level in used}
         rising = sorted(heights, key=lambda level: (heights[level], level.id()))
-        for level, above in zip(rising, [*rising[1:], None], strict=True):
+        for level, above in pairwise([*rising, None]):
             gap = heights[above] - heights[level] if above is not None else 0.0
             entry = Entry(level.Name or "storey", "storey", "storey", level.LongName)
             entry.pose = Pose(z=heights[level])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -59,6 +60,9 @@ class IfcFile:
         self.path = path
         refused = partial(WorldError, path, "file")
         MESH_BYTES.check(path.stat().st_size, refused, SMALLER)
+        if (number := _repeated(path)) is not None:
+            fix = "Export the building again."
+            raise WorldError(path, f"#{number}", "has several entities of this number", fix)
         try:
             import ifcopenshell
             import ifcopenshell.util.unit
@@ -95,10 +99,15 @@ class IfcFile:
         return self.solids.get(element.GlobalId)
 
     def placement(self, element: Any) -> Pose:
-        """The frame of an element in that of the file, metres."""
+        """The frame of an element in that of the file, metres; WorldError if that is broken."""
         from ifcopenshell.util.placement import get_local_placement
 
-        matrix = np.array(get_local_placement(element.ObjectPlacement), float)
+        try:
+            matrix = np.array(get_local_placement(element.ObjectPlacement), float)
+        except Exception as error:  # IfcOpenShell raises many kinds on what is not of the schema
+            fix = "Export the building again."
+            where = f"{element.is_a()} {element.GlobalId}"
+            raise WorldError(self.path, where, "has no usable placement", fix) from error
         matrix[:3, 3] *= self.metres
         return Pose.from_matrix(matrix)
 
@@ -204,6 +213,19 @@ def _is_faceted(element: Any) -> bool:
         if item.is_a("IfcMappedItem"):
             items += item.MappingSource.MappedRepresentation.Items
     return bool(items) and all(any(map(item.is_a, (*FACETED, "IfcMappedItem"))) for item in items)
+
+
+def _repeated(path: Path) -> int | None:
+    """Return a number that several entities have: IfcOpenShell crashes on some of these files."""
+    numbers: set[int] = set()
+    with path.open("rb") as file:
+        for line in file:
+            if found := re.match(rb"\s*#(\d{1,18})\s*=", line):
+                number = int(found[1])
+                if number in numbers:
+                    return number
+                numbers.add(number)
+    return None
 
 
 def _is_complete(path: Path) -> bool:
