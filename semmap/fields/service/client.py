@@ -86,7 +86,10 @@ def find_service(
                 continue  # left behind by a service that was killed
             with channel.makefile("rwb") as stream:
                 found = ServiceConnection(stream, channel)
-                hello = found.ask("hello", map=map_name)
+                try:
+                    hello = found.ask("hello", map=map_name)
+                except OSError:
+                    continue  # its service ends now
                 same = voxel_size is None or abs(hello["voxel_size"] - voxel_size) < 1e-9
                 if hello["is_meant"] and same:
                     found.map_name = hello["map"]

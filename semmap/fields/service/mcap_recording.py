@@ -6,7 +6,6 @@ Poses are those of topics, or of frames of /tf.
 from __future__ import annotations
 
 import importlib
-import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -95,11 +94,14 @@ class McapPercepts:
             first = time if first is None else first
             if topic not in wanted:
                 continue
-            if topic in TRANSFORMS:
-                frames.add(message(), time, static=topic == "/tf_static")
-                made = read.on_transforms(frames, time)
-            else:
-                made = read.on_message(topic, message(), frames, time)
+            try:
+                if topic in TRANSFORMS:
+                    frames.add(message(), time, static=topic == "/tf_static")
+                    made = read.on_transforms(frames, time)
+                else:
+                    made = read.on_message(topic, message(), frames, time)
+            except AttributeError as error:  # the recording itself defines its types
+                raise ValueError(f"{self._path}: a message of {topic}: {error}") from None
             if made is not None:
                 yield time - first, made
 
@@ -176,8 +178,9 @@ def _check_size(file: Path, chunks: Iterable[Any]) -> None:
         for chunk in chunks:
             if chunk.compression != "lz4":
                 continue  # zstd stops at what the chunk claims
-            stream.seek(chunk.chunk_start_offset + chunk.chunk_length - chunk.compressed_size)
-            packed = stream.read(chunk.compressed_size)
+            start = chunk.chunk_start_offset + chunk.chunk_length - chunk.compressed_size
+            _guarded(file, partial(stream.seek, start))
+            packed = _guarded(file, partial(stream.read, chunk.compressed_size))
             unpacked = _library("lz4.frame").LZ4FrameDecompressor()
             whole = _guarded(
                 file, partial(unpacked.decompress, packed, chunk.uncompressed_size + 1)
@@ -191,7 +194,7 @@ def _refusal(file: Path, problem: str, fix: str) -> Exception:
 
 
 def _decoded(file: Path, decoders: Any, schema: Any, channel: Any, message: Any) -> Any:
-    decode = decoders.decoder_for(channel.message_encoding, schema)
+    decode = _guarded(file, partial(decoders.decoder_for, channel.message_encoding, schema))
     if decode is None:
         raise ValueError(
             f"{file}: {channel.topic} is not a topic of ROS 2 (encoded as "
@@ -218,11 +221,9 @@ def _files(path: Path) -> list[Path]:
 
 def _guarded(file: Path, read: Callable[[], Any]) -> Any:
     """Return what a library reads; its errors name the file."""
-    damage = _library("mcap.exceptions").McapError, _library("zstandard").ZstdError
-    others = struct.error, EOFError, UnicodeDecodeError, IndexError, RuntimeError  # of lz4
     try:
         return read()
-    except (*damage, *others) as error:
+    except Exception as error:  # the libraries raise many kinds on damaged bytes
         raise ValueError(
             f"{file} is not a whole MCAP file ({error or type(error).__name__}); if its recording "
             "was cut off, repair it: mcap recover"

@@ -69,7 +69,10 @@ def read_settings(
 def _source(name: str, given: Any) -> SourceSettings:
     known = ("source", "percepts", "rate", "timeout", "options")
     found = {"source": name, **_checked(given, f"sources.{name}.", known)}
-    found["source"], found["options"] = str(found["source"]), dict(found.get("options") or {})
+    options = found.get("options") or {}
+    if not isinstance(options, Mapping):
+        raise ValueError(f"sources.{name}.options is {options!r}: write a mapping")
+    found["source"], found["options"] = str(found["source"]), dict(options)
     return SourceSettings(name, **found)
 
 
@@ -88,7 +91,7 @@ def _checked(given: Any, where: str, known: Sequence[str]) -> dict[str, Any]:
 def _number(given: Any, name: str) -> float:
     try:
         number = float(given)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = -1.0
     if not 0 <= number < float("inf"):
         raise ValueError(f"{name} is {given!r}: give a number of at least 0")

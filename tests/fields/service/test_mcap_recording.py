@@ -221,3 +221,25 @@ def test_a_chunk_that_claims_to_be_small_is_refused(tmp_path: Path) -> None:
     path.write_bytes(lie)
     with pytest.raises(ValueError, match=r"not a whole MCAP"):
         McapPercepts(path, "gaze", {})
+
+
+@pytest.mark.parametrize(
+    ("definition", "says"),
+    [
+        (b"==== a=1", "not a whole MCAP"),
+        (b"uint8 number", "a message of /tf: .* has no attribute 'transforms'"),
+    ],
+)
+def test_a_recording_with_a_wrong_definition_is_refused(
+    tmp_path: Path, definition: bytes, says: str
+) -> None:
+    path = tmp_path / "odd.mcap"
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        schema = writer.register_schema("tf2_msgs/msg/TFMessage", "ros2msg", definition)
+        channel = writer.register_channel("/tf", "cdr", schema)
+        writer.add_message(channel, 0, bytes(8), 0)
+        writer.finish()
+    with pytest.raises(ValueError, match=says):
+        McapPercepts(path, "gaze", {})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Any
 
 import pytest
 
+from semmap.fields.service import client as client_module
 from semmap.fields.service import server
+from semmap.fields.service.client import find_service
 from semmap.fields.service.server import serving
 
 
@@ -63,3 +66,23 @@ def test_unfinished_lines_hold_one_request_and_not_for_long(path: Path) -> None:
     for one in held:
         assert one.recv(1) == b""
         one.close()
+
+
+def test_a_service_that_ends_is_not_running(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(client_module, "socket_folder", lambda url: tmp_path)
+    with socket.socket(socket.AF_UNIX) as service:
+        service.bind(str(tmp_path / "a.sock"))
+        service.listen()
+
+        def end() -> None:
+            one, _ = service.accept()
+            one.recv(1)  # closed with bytes that it did not read, it resets the connection
+            one.close()
+
+        thread = threading.Thread(target=end)
+        thread.start()
+        with find_service(None, None) as found:
+            assert found is None
+        thread.join()
