@@ -14,7 +14,7 @@ from semmap.knowledge.answer import Answer
 from semmap.knowledge.facts import DENIED, Fact, FactWriter, refusal_text, with_consequences
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import ClientPattern, name_of, parse_pattern, query_text, variables
-from semmap.knowledge.queries import limited_view, query
+from semmap.knowledge.queries import KnowledgeError, limited_view, query
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 from semmap.knowledge.updates import GraphChanges
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace
@@ -77,9 +77,9 @@ class KnowledgeClient:
             without an end keeps none, and an earlier end is put off
         """
         if method not in METHODS:
-            raise ValueError(f"method {method!r} is not one of {', '.join(METHODS)}")
+            raise KnowledgeError(f"method {method!r} is not one of {', '.join(METHODS)}")
         if not 0 <= lifespan < 1e10:
-            raise ValueError(f"lifespan {lifespan!r} is not a number of seconds from 0 on")
+            raise KnowledgeError(f"lifespan {lifespan!r} is not a number of seconds from 0 on")
         patterns, graph = self.parsed(statements), self.graph_of(model)
         if method != "retract":
             _refuse_variables(patterns)
@@ -141,11 +141,11 @@ class KnowledgeClient:
         known = variables(parsed)
         for name in wanted:
             if name not in known:
-                raise ValueError(
+                raise KnowledgeError(
                     f"no pattern has the variable ?{name}; variables: {', '.join(known) or 'none'}"
                 )
         if not wanted:
-            raise ValueError("no variable is named: name one, or use has() for a yes or no")
+            raise KnowledgeError("no variable is named: name one, or use has() for a yes or no")
         found = self.rows(patterns, wanted, model=model)
         if len(wanted) == 1:
             return {value for (value,) in found}
@@ -169,7 +169,7 @@ class KnowledgeClient:
             return self.find(names, patterns)
         starred = [term for term in parsed[0] if isinstance(term, rdflib.Variable)]
         if len(parsed) != 1 or len(starred) != 1:
-            raise ValueError(f"{patterns!r}: name the variables that you want, such as ?x")
+            raise KnowledgeError(f"{patterns!r}: name the variables that you want, such as ?x")
         rows = self.sparql(query_text(parsed, [str(starred[0])], None)).rows
         return {name_of(term, self.map_name) for (term,) in rows}
 
@@ -268,7 +268,7 @@ class KnowledgeClient:
         """Return the terms of statements, of which there is at least one."""
         texts = [statements] if isinstance(statements, str) else list(statements)
         if not texts:
-            raise ValueError("there is no statement")
+            raise KnowledgeError("there is no statement")
         return [parse_pattern(text, self.map_name) for text in texts]
 
     def graph_of(self, model: str | None) -> rdflib.URIRef | None:
@@ -276,7 +276,7 @@ class KnowledgeClient:
         if model is None:
             return None
         if not model:
-            raise ValueError("a model has a name: leave it out for the map itself")
+            raise KnowledgeError("a model has a name: leave it out for the map itself")
         return rdflib.URIRef(f"{map_namespace(self.map_name)}{encode(model)}")
 
     def models(self) -> list[str]:
@@ -305,7 +305,7 @@ def _refuse_variables(patterns: Sequence[ClientPattern]) -> None:
     for pattern in patterns:
         for term in pattern:
             if not isinstance(term, (rdflib.URIRef, rdflib.Literal)):
-                raise ValueError(
+                raise KnowledgeError(
                     f"{' '.join(t.n3() for t in pattern)}: only what is retracted has "
                     "variables, *, or paths: name all three terms"
                 )
@@ -314,7 +314,7 @@ def _refuse_variables(patterns: Sequence[ClientPattern]) -> None:
 def _matching(view: MapView, pattern: ClientPattern, graph: rdflib.URIRef | None) -> Iterator[Fact]:
     names = [str(t) for t in pattern if isinstance(t, (rdflib.Variable, rdflib.BNode))]
     if not isinstance(pattern.verb, (rdflib.URIRef, rdflib.Variable, rdflib.BNode)):
-        raise ValueError(f"{pattern.verb.n3()}: a path is not stated: name a property")
+        raise KnowledgeError(f"{pattern.verb.n3()}: a path is not stated: name a property")
     if not names:
         yield Fact(*pattern, graph)
         return
@@ -344,4 +344,4 @@ def _refusals() -> Iterator[None]:
     try:
         yield
     except DENIED as error:
-        raise ValueError(refusal_text(error)) from error
+        raise KnowledgeError(refusal_text(error)) from error

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import rdflib
 from rdflib.paths import Path
 
-from semmap.knowledge.queries import plain
+from semmap.knowledge.queries import KnowledgeError, plain
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, map_namespace, prefixes, short
 from semmap.language.error import QueryError
 from semmap.language.parser import parse_sparql
@@ -53,9 +53,11 @@ def parse_pattern(statement: str, map_name: str) -> ClientPattern:
     >>> [str(term) for term in parse_pattern("human1 looksAt ?book", "lab")]
     ['urn:semmap:map:lab#human1', 'http://kb.openrobots.org#looksAt', 'book']
     """
+    if "\0" in statement:
+        raise KnowledgeError(f"{statement!r}: has a NUL character: remove it")
     parts = statement.strip().removesuffix(" .").split(None, 2)
     if len(parts) != 3:
-        raise ValueError(f"{statement!r}: a statement has a subject, a property and an object")
+        raise KnowledgeError(f"{statement!r}: a statement has a subject, a property and an object")
     subject, verb, object_ = parts
     verb = "rdf:type" if verb == "a" else verb
     both = verb in _ABOUT_VOCABULARY
@@ -73,9 +75,9 @@ def parse_pattern(statement: str, map_name: str) -> ClientPattern:
             f"SELECT * {{ {triple}\n}}", "query", tuple(prefixes(map_name).items())
         )
     except QueryError as error:
-        raise ValueError(f"{statement!r}: {error.reason}: write a string in quotes") from error
+        raise KnowledgeError(f"{statement!r}: {error.reason}: write a string in quotes") from error
     if parsed.triple is None:
-        raise ValueError(f"{statement!r}: this is more than one statement: give a list of them")
+        raise KnowledgeError(f"{statement!r}: this is more than one statement: give a list of them")
     is_own = (rdflib.Variable, Path)
     return ClientPattern(*(t if isinstance(t, is_own) else plain(t) for t in parsed.triple))
 

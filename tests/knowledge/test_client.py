@@ -212,6 +212,7 @@ WRONG = (
     ("a b c } ; CLEAR ALL #", "quotes"),
     ("a b ?x FILTER(?x > 3)", "more than one statement"),
     ("a b c d", "quotes"),
+    ('a b "c\0d"', "NUL"),
     ("a b ?x", "only what is retracted"),
     ("a b *", "only what is retracted"),
     ("a b+ c", "only what is retracted"),
