@@ -49,7 +49,9 @@ def write_pomdp(pomdp: Pomdp, file: Path) -> Path:
         identifiers[kind] = _identifiers(names, kind[0])
         lines.append(f"{kind}: {' '.join(identifiers[kind])}")
         changed = zip(identifiers[kind], names, strict=True)
-        lines += [f"# {short}: {name}" for short, name in changed if short != name]
+        lines += [
+            f"# {short}: {' '.join(name.split())}" for short, name in changed if short != name
+        ]
     states, actions, observations = (identifiers[kind] for kind in _LISTS)
     lines.append("start: " + " ".join(repr(float(p)) for p in pomdp.start))
     for a, action in enumerate(actions):
