@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tests.fuzz.answers import ANSWER_KINDS
 from tests.fuzz.files import FILE_KINDS
 from tests.fuzz.kind import Kind
 from tests.fuzz.knowledge_files import KNOWLEDGE_FILE_KINDS
@@ -9,5 +10,12 @@ from tests.fuzz.languages import LANGUAGE_KINDS
 from tests.fuzz.native import NATIVE_KINDS
 from tests.fuzz.stored_knowledge import STORED_KINDS
 
-_ALL = (*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS, *STORED_KINDS, *NATIVE_KINDS)
+_ALL = (
+    *FILE_KINDS,
+    *KNOWLEDGE_FILE_KINDS,
+    *LANGUAGE_KINDS,
+    *STORED_KINDS,
+    *ANSWER_KINDS,
+    *NATIVE_KINDS,
+)
 KINDS: dict[str, Kind] = {kind.name: kind for kind in _ALL}

@@ -92,12 +92,29 @@ def undone(here: psycopg.Connection[Any]) -> Iterator[None]:
         raise psycopg.Rollback(transaction)
 
 
-def import_case(path: Path) -> None:
-    """Import a file as a map, and drop that; a refused one leaves none."""
+@contextmanager
+def case_map(path: Path) -> Iterator[semmap.Map]:
+    """The map of a file, dropped afterwards; a refused file leaves none.
+
+    One process at a time has one: a drop of a map that waits for an import may end by a deadlock.
+    """
     database, name = loft().database, f"case {os.getpid()}"
+    database.session.execute("SELECT pg_advisory_lock(7)")
     try:
-        database.import_file(path, map=name)
-    except Error:
-        assert name not in database.maps, "a refused file changes nothing"
-        raise
-    database.drop_map(name)
+        try:
+            database.import_file(path, map=name)
+        except Error:
+            assert name not in database.maps, "a refused file changes nothing"
+            raise
+        try:
+            yield database.map(name)
+        finally:
+            database.drop_map(name)
+    finally:
+        database.session.execute("SELECT pg_advisory_unlock(7)")
+
+
+def import_case(path: Path) -> None:
+    """Import a file as a map, and drop that."""
+    with case_map(path):
+        pass

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import MakeDatabase
+from tests.fuzz.answers import ANSWER_KINDS
 from tests.fuzz.cases import Case, kept
 from tests.fuzz.files import FILE_KINDS
 from tests.fuzz.kind import SERVER, Kind
@@ -44,7 +45,7 @@ def test_a_kept_case_ends_well(worker: Worker, case: Case) -> None:
 
 @pytest.mark.parametrize(
     "kind",
-    [*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS, *STORED_KINDS],
+    [*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS, *STORED_KINDS, *ANSWER_KINDS],
     ids=lambda kind: kind.name,
 )
 def test_a_valid_input_of_each_kind_is_accepted(kind: Kind, tmp_path: Path) -> None:
