@@ -84,11 +84,10 @@ def read_explored_map(path: Path) -> World:
     if grid.resolution < FINE:
         problem = f"is {grid.resolution:g}: a cell is narrower than {FINE} m"
         raise WorldError(path, "resolution", problem, "Give metres of a cell.")
-    reach = np.abs(
-        [grid.origin, np.add(grid.origin, grid.resolution * np.array(cells.shape[::-1]))]
-    )
+    end = np.add(grid.origin, np.multiply(cells.shape[::-1], grid.resolution))
+    reach = float(np.abs(np.stack([grid.origin, end])).max())
     refused = partial(WorldError, path, "image")
-    EXTENT.check(float(reach.max()), refused, "Give metres of a cell, not millimetres.", "reaches")
+    EXTENT.check(reach, refused, "Give metres of a cell, not millimetres.", "reaches")
     occupied = cells >= (OCCUPIED + FREE) // 2
     if not occupied.any():
         raise WorldError(path, "image", "has no occupied cell", "Give the map of a building.")

@@ -20,7 +20,8 @@ from tests.fields.service.ros_recordings import TYPES, transforms
 from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import WORDS, bytes_of, lines_of, words_of, yaml_tree
 from tests.fuzz.server import case_map, import_case, loft
-from tests.fuzz.stored_knowledge import EXTRA, QUERIES, SECONDS, new_query
+from tests.fuzz.stored_knowledge import EXTRA, SECONDS, new_query
+from tests.knowledge.test_query import QUERIES
 from tests.planner.search.pomdp_reader import read_pomdp
 
 NAMES = {"room": "hall", "other": "bath 2", "door": "door/1", "cup": "cup 1", "type": "Tasse"}
