@@ -49,6 +49,7 @@ class Regions:
     def __init__(self, parts: Iterable[QueryPart]) -> None:
         self.jobs: dict[Job, None] = {Job(part, ()): None for part in parts}
         self.known: dict[Job, set[Row]] = {}
+        self.single: dict[tuple[QueryPart, Row], bool] = {}
 
     def evaluate(self, part: QueryPart, solution: Solution) -> None:
         """The solutions with these terms are to be evaluated."""
@@ -60,6 +61,11 @@ class Regions:
         if Job(part, ()) not in self.jobs:
             rows: set[Row] = {tuple(each[name] for name in part.names) for each in solutions}
             self.known[Job(part, tuple(sorted(region.items())))] = rows
+
+    def single_as(self, part: QueryPart, row: Row, holds: bool) -> None:
+        """The terms of all variables are a solution, or are none."""
+        if not self.jobs or Job(part, ()) not in self.jobs:
+            self.single[part, row] = holds
 
 
 class Evaluation:

@@ -8,7 +8,7 @@ whole.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import count, product
 from math import prod
@@ -123,7 +123,7 @@ class Condition(NamedTuple):
         found = solution.get(self.name)
         if not isinstance(found, rdflib.URIRef):
             return None
-        return (found == self.term) is self.equal
+        return str.__eq__(found, self.term) is self.equal  # rdflib compares slowly
 
 
 @dataclass(eq=False)
@@ -153,15 +153,20 @@ class QueryPart:
 
     def __post_init__(self) -> None:
         """Find which variables the patterns have at their ends, and where changes are named."""
-        self._by_term: dict[tuple[int, Term], set[Row]] = defaultdict(set)
         self.ends = frozenset(
             name_of_variable(p.terms[side])
             for p in self.patterns
             for side in SIDES
             if is_variable(p.terms[side])
         )
+        self.is_fact = (
+            self.plain
+            and len(self.patterns) == 1
+            and self.patterns[0].stated
+            and not self.patterns[0].keys
+        )  # a statement that matches is a solution
         self._shows_all = self.projected == tuple(range(len(self.names)))
-        self._indexed = tuple(i for i, name in enumerate(self.names) if name in self.ends)
+        self.indexed = [(i, name) for i, name in enumerate(self.names) if name in self.ends]
         self.keyed: dict[tuple[str, Form], set[int]] = defaultdict(set)
         self.unlisted: set[str] = set()
         for number, pattern in enumerate(self.patterns):
@@ -172,38 +177,10 @@ class QueryPart:
                 elif is_variable(term):
                     self.unlisted.add(name_of_variable(term))
 
-    def having(self, solution: Iterable[tuple[str, Term]]) -> set[Row]:
-        """Return the solutions with some terms."""
-        if not self.rows:
-            return set()
-        wanted = [(self.names.index(name), term) for name, term in solution]
-        if not wanted:
-            return set(self.rows)
-        indexed = [each for each in wanted if each[0] in self._indexed]
-        found = self._by_term.get(indexed[0], set()) if indexed else self.rows
-        return {row for row in found if all(row[i] is t or row[i] == t for i, t in wanted)}
-
-    def terms(self, row: Row) -> Iterator[tuple[str, Term]]:
-        """Yield the variables at the ends of patterns, with their terms in a solution."""
-        for i in self._indexed:
-            term = row[i]
-            if term is not None:
-                yield self.names[i], term
-
-    def add(self, row: Row) -> None:
-        """Add a solution."""
-        self.rows.add(row)
-        for i in self._indexed:
-            self._by_term[i, row[i]].add(row)  # type: ignore[index]
-
-    def remove(self, row: Row) -> None:
-        """Remove a solution."""
-        self.rows.remove(row)
-        for i in self._indexed:
-            having = self._by_term[i, row[i]]  # type: ignore[index]
-            having.discard(row)
-            if not having:
-                del self._by_term[i, row[i]]  # type: ignore[arg-type]
+    def holds(self, solution: Solution) -> bool | None:
+        """Return whether a solution meets all conditions; None where a term is no IRI."""
+        met = [condition.holds(solution) for condition in self.conditions]
+        return None if None in met else all(met)
 
     def shown(self, row: Row) -> Row:
         """Return the variables of the query in a solution."""

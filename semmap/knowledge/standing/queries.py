@@ -89,7 +89,8 @@ class StandingQueries:
         self._evaluation = Evaluation()
         self._named: dict[str, set[QueryPart]] = defaultdict(set)
         self._whole: set[QueryPart] = set()
-        self._having: dict[Term, Counter[tuple[QueryPart, str]]] = defaultdict(Counter)
+        # by term at an end of a pattern: the solutions of each part with this term of a variable
+        self._having: dict[Term, dict[tuple[QueryPart, str], set[Row]]] = defaultdict(dict)
         self._names: dict[int, str] = {}  # of entities that had another name
         self._inferred = NOTHING_INFERRED
 
@@ -233,7 +234,7 @@ class StandingQueries:
                 self._of_new_fact(quad, touched, known, regions)
             else:
                 self._of_ended_fact(quad, regions)
-        return self._evaluated(view, list(regions.jobs), again, regions.known, touched.nodes)
+        return self._evaluated(view, list(regions.jobs), again, regions, touched.nodes)
 
     def update_all(self, view: MapView) -> list[Difference]:
         """Evaluate all queries again, as after the server was away."""
@@ -308,8 +309,11 @@ class StandingQueries:
             solution = match(pattern)
             if solution is None:
                 continue
-            if len(part.patterns) > 1 and not may_match(part, number, solution, known, touched):
-                if part.having(tuple(solution.items())):
+            holds = part.holds(solution) if part.is_fact else None
+            if holds is not None:
+                regions.single_as(part, _row(part, solution), holds)
+            elif len(part.patterns) > 1 and not may_match(part, number, solution, known, touched):
+                if self._former(part, solution.items()):
                     regions.known_as(part, solution, [])
             else:
                 others = (n for n in range(len(part.patterns)) if n != number)
@@ -342,9 +346,13 @@ class StandingQueries:
         for part, number in {*members, *self._index.ground(quad)}:
             pattern = part.patterns[number]
             solution = match(pattern) if pattern.stated else None
-            if solution is None or not part.having(tuple(solution.items())):
+            if solution is None:
                 continue
-            if pattern.keys or not pattern.exact:
+            if part.is_fact:
+                regions.single_as(part, _row(part, solution), False)
+            elif not self._former(part, solution.items()):
+                continue
+            elif pattern.keys or not pattern.exact:
                 regions.evaluate(part, solution)  # it may be true by other rows, too
             else:
                 regions.known_as(part, solution, [])
@@ -354,7 +362,7 @@ class StandingQueries:
         view: MapView,
         jobs: list[Job],
         again: Iterable[StandingQuery] = (),
-        known: Mapping[Job, set[Row]] | None = None,
+        known: Regions | None = None,
         nodes: Mapping[Term, tuple[Form, int]] | None = None,
     ) -> list[Difference]:
         """Return the differences that the solutions of some parts make now.
@@ -362,9 +370,10 @@ class StandingQueries:
         The database evaluates jobs, whose terms may be `nodes`; others are known. Of queries that
         are evaluated again, former solutions are forgotten: only their answers are compared.
         """
-        deltas: defaultdict[StandingQuery, Counter[Row]] = defaultdict(Counter)
+        known = known or Regions(())
+        deltas: defaultdict[StandingQuery, dict[Row, int]] = defaultdict(dict)
         for found in again:
-            deltas[found].subtract(found.counts)
+            deltas[found] = {row: -n for row, n in found.counts.items()}
         errors: dict[StandingQuery, Exception] = {}
         answers = self._evaluation.answers(view, jobs, nodes or {}, errors)
         # Fields state no more what these ask, such as a source that ended.
@@ -376,29 +385,23 @@ class StandingQueries:
         for found in unknown:
             del errors[found]
         answers |= {job: set() for job in jobs if job.part.query in unknown}
-        results = {**(known or {}), **answers}
-        for job, now in results.items():
+        for (part, row), holds in known.single.items():
+            if holds is not (row in part.rows):
+                self._change(part, row, holds, deltas[part.query])
+        for job, now in {**known.known, **answers}.items():
             part = job.part
-            former = part.having(job.solution)
-            if not former and not now:
-                continue
-            delta = deltas[part.query]
-            for row in former - now:
-                self._remove(part, row)
-                delta[part.shown(row)] -= 1
-            for row in now - former:
-                self._add(part, row)
-                delta[part.shown(row)] += 1
+            former = self._former(part, job.solution)
+            for row in former ^ now:
+                self._change(part, row, row in now, deltas[part.query])
         differences = [Difference(found, [], [], error) for found, error in errors.items()]
         for found, delta in deltas.items():
             if found in errors:
                 continue
             gone, come = [], []
             for row, n in delta.items():
-                before = found.counts[row]
-                found.counts[row] = before + n
-                if not found.counts[row]:
-                    del found.counts[row]
+                before = found.counts.pop(row, 0)
+                if before + n:
+                    found.counts[row] = before + n
                 if before and not before + n:
                     gone.append(row)
                 elif n and not before:
@@ -406,20 +409,49 @@ class StandingQueries:
             differences.append(Difference(found, gone, come))
         return differences
 
-    def _add(self, part: QueryPart, row: Row) -> None:
-        part.add(row)
-        for name, term in part.terms(row):
-            self._having[term][part, name] += 1
+    def _former(self, part: QueryPart, solution: Iterable[tuple[str, Term]]) -> set[Row]:
+        """Return the known solutions of a part with some terms."""
+        if not part.rows:
+            return set()
+        found: Iterable[Row] = part.rows
+        wanted = list(solution)
+        for name, term in wanted:
+            if name in part.ends:
+                found = self._having.get(term, {}).get((part, name), ())
+                break
+        places = [(part.names.index(name), term) for name, term in wanted]
+        return {row for row in found if all(row[i] is t or row[i] == t for i, t in places)}
+
+    def _change(self, part: QueryPart, row: Row, holds: bool, delta: dict[Row, int]) -> None:
+        """Add or remove a solution of a part, and count it among the answers of its query."""
+        shown = part.shown(row)
+        if holds:
+            delta[shown] = delta.get(shown, 0) + 1
+            part.rows.add(row)
+            for i, name in part.indexed:
+                having = self._having[row[i]]  # type: ignore[index]
+                if (part, name) in having:
+                    having[part, name].add(row)
+                else:
+                    having[part, name] = {row}
+        else:
+            delta[shown] = delta.get(shown, 0) - 1
+            self._remove(part, row)
 
     def _remove(self, part: QueryPart, row: Row) -> None:
-        part.remove(row)
-        for name, term in part.terms(row):
-            counts = self._having[term]
-            counts[part, name] -= 1
-            if not counts[part, name]:
-                del counts[part, name]
-                if not counts:
-                    del self._having[term]
+        part.rows.remove(row)
+        for i, name in part.indexed:
+            having = self._having[row[i]]  # type: ignore[index]
+            rows = having[part, name]
+            rows.discard(row)
+            if not rows:
+                del having[part, name]
+                if not having:
+                    del self._having[row[i]]  # type: ignore[arg-type]
+
+
+def _row(part: QueryPart, solution: Solution) -> Row:
+    return tuple(map(solution.__getitem__, part.names))
 
 
 def _query_of(text: str, template: Template, filling: tuple[str, ...]) -> StandingQuery:

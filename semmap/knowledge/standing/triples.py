@@ -180,10 +180,10 @@ def joined(
         solutions = more
     met = []
     for solution in solutions:
-        holds = [condition.holds(solution) for condition in part.conditions]
-        if None in holds:
+        holds = part.holds(solution)
+        if holds is None:
             return None
-        if all(holds):
+        if holds:
             met.append(solution)
     return met
 
