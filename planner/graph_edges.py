@@ -37,6 +37,9 @@ class TravelCost(Protocol):
     def standing(self, place: str, pose: Pose) -> Pose:
         """Where the robot stands for an approach pose in a place: aside of what is there."""
 
+    def has_outline(self, place: str) -> bool:
+        """Whether it is known where the floor of a place is."""
+
     def bends(self, connector: PlaceConnector) -> list[tuple[float, float]]:
         """Where the way through a connector bends, from its first place on; none if straight."""
 
@@ -59,6 +62,10 @@ class StraightTravelCost:
     def standing(self, place: str, pose: Pose) -> Pose:
         """The pose itself."""
         return pose
+
+    def has_outline(self, place: str) -> bool:
+        """As if all had."""
+        return True
 
     def bends(self, connector: PlaceConnector) -> list[tuple[float, float]]:
         """None."""

@@ -83,7 +83,7 @@ def _reason(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
     reasons = dict.fromkeys(blocked[e][0] for e in edges if e in blocked)
     if edges:
         ends = (start, int(graph.tails[edges[0]])), (goal, int(graph.heads[edges[-1]]))
-        reasons |= dict.fromkeys(r for end in ends if (r := _no_path(graph, *end)) is not None)
+        reasons |= dict.fromkeys(r for end in ends if (r := _no_path_at_end(graph, *end)) is not None)
     hint = robot.folding_hint if any(" finds no path " in reason for reason in reasons) else ""
     return f"{message}: {'; '.join(reasons)}{hint}"
 
@@ -105,8 +105,7 @@ def _blocked_edges(graph: RoutingGraph) -> dict[int, tuple[str, float]]:
                 reason = f"{a} leads outside, which the map does not describe"
                 blocked[edge] = reason, 100 * _BLOCKED
             else:
-                reason = f"{graph.robot.name} finds no path in {place} from {a} to {b}"
-                blocked[edge] = reason, 10 * _BLOCKED
+                blocked[edge] = _no_path(graph, place, a, b), 10 * _BLOCKED
     for edge, reason in graph.cut_rides.items():
         blocked[edge] = reason, 10 * _BLOCKED
     for edge, reason in graph.penalties.blocked.items():
@@ -120,11 +119,18 @@ def _relaxed(endpoint: Endpoint) -> Endpoint:
     return replace(endpoint, seconds=np.minimum(endpoint.seconds, 10 * _BLOCKED))
 
 
-def _no_path(graph: RoutingGraph, endpoint: Endpoint, node: int) -> str | None:
+def _no_path(graph: RoutingGraph, place: str, a: str, b: str) -> str:
+    """That no path leads through a place, from a door to another or to a point."""
+    if not graph.costs.has_outline(place):
+        return f"the map has no outline of {place}, so no floor to drive on"
+    return f"{graph.robot.name} finds no path in {place} from {a} to {b}"
+
+
+def _no_path_at_end(graph: RoutingGraph, endpoint: Endpoint, node: int) -> str | None:
     """That no path leads from an endpoint to a door of its place; None if one does."""
     if np.isfinite(endpoint.seconds[endpoint.nodes == node]).all():
         return None
     if endpoint.pose is None:
         return graph.costs.obstruction(endpoint.place, graph.poses[node])
     x, y, door = endpoint.pose.x, endpoint.pose.y, graph.connectors[node // 2].name
-    return f"{graph.robot.name} finds no path in {endpoint.place} from {door} to ({x:.2f}, {y:.2f})"
+    return _no_path(graph, endpoint.place, door, f"({x:.2f}, {y:.2f})")

@@ -172,6 +172,10 @@ class StoreyCostmaps:
             self._rooms[place] = RoomCostmap(union, costmap.grid) if place in outlines else None
         return self._rooms[place]
 
+    def has_outline(self, place: str) -> bool:
+        """Whether the map has an outline of a place."""
+        return self.room(place) is not None
+
     def costs(self, place: str) -> NDArray[np.uint8] | None:
         """(rows, columns) uint8: the costs in the window of a place, `UNKNOWN` outside of it.
 

@@ -47,6 +47,7 @@ BEGIN
         ('placement', 'pose', 'greatest(abs(NEW.pose[1]), abs(NEW.pose[2]), abs(NEW.pose[3])) > 10000',
          'poses within 10,000 m of the holder or the map''s origin'),
         ('entity', 'properties', 'pg_column_size(NEW.properties) > 65536', 'properties of at most 64 kB'),
+        ('entity', 'label', 'octet_length(NEW.label) > 65536', 'labels of at most 64 kB'),
         ('link', NULL, 'pg_column_size(NEW.*) > 65536', 'properties of at most 64 kB'),
         ('execution', NULL, 'NEW.seconds > 86400', 'durations of at most a day'),
         ('execution', NULL, 'NOT abs(NEW.height) <= 10000', 'heights of at most 10,000 m'),

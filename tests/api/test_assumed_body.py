@@ -55,6 +55,17 @@ def test_a_route_within_a_room_begins_anywhere(cottage: tuple[semmap.Map, bool])
     assert "anywhere" not in str(made.route((5, 1, 0), "jug"))
 
 
+def test_a_place_without_an_outline_is_named_as_that(cottage: tuple[semmap.Map, bool]) -> None:
+    made, _ = cottage
+    made.add_room("shed", shapely.box(8.4, 0, 12.4, 4), floor=0, ceiling=2.6)
+    made.add_door("gate", "parlour", "shed", ((8.3, 1.5), (8.3, 2.5)))
+    made.execute("DELETE FROM entity_model WHERE entity_id = entity_id('parlour')")
+    made.database.add_robot("cart", real_robot("tiago"))
+    with pytest.raises(NoRouteError, match="the map has no outline of parlour") as told:
+        made.route("pantry", "shed", robot="cart")
+    assert "finds no path" not in str(told.value)
+
+
 def test_the_ways_of_a_plan_are_clear_by_half_the_width(
     cottage: tuple[semmap.Map, bool],
 ) -> None:

@@ -236,6 +236,7 @@ REFUSED = {
         "UPDATE entity SET properties = jsonb_build_object('x', repeat('x', 65536)) "
         "WHERE name = 'mug'"
     ),
+    "a large label": "UPDATE entity SET label = repeat('x', 65537) WHERE name = 'mug'",
     "an object with large properties": (
         "INSERT INTO entity (map_id, kind, name, properties) "
         "SELECT id, 'object', 'x', jsonb_build_object('x', repeat('x', 65536)) FROM map"
