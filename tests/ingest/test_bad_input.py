@@ -228,7 +228,7 @@ FORMATS = {
     "scan.laz": Format(cloud, vast=None),
     "scan.pcd": Format(cloud),
     "scan.e57": Format(cloud),
-    "scan.yaml": Format(scanned, vast="noted"),
+    "scan.yaml": Format(scanned),
 }
 """The formats by a name of a file."""
 

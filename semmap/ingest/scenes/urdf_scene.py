@@ -100,7 +100,7 @@ def _tree(
 
 
 def _surface(element: Element, geometries: Geometries, path: Path, where: str) -> Mesh:
-    shape = next(iter(element.find("geometry") or ()), None)
+    shape = element.find("geometry/*")
     if shape is None or shape.tag not in ATTRIBUTES:
         problem = f"<{'geometry' if shape is None else shape.tag}> has no surface"
         raise Unusable(where, problem, f"Use one of {', '.join(ATTRIBUTES)}.")
