@@ -118,13 +118,6 @@ class Condition(NamedTuple):
     equal: bool
     term: Term
 
-    def holds(self, solution: Solution) -> bool | None:
-        """Return whether a solution meets it; None where the term is no IRI."""
-        found = solution.get(self.name)
-        if not isinstance(found, rdflib.URIRef):
-            return None
-        return str.__eq__(found, self.term) is self.equal  # rdflib compares slowly
-
 
 @dataclass(eq=False)
 class QueryPart:
@@ -179,8 +172,13 @@ class QueryPart:
 
     def holds(self, solution: Solution) -> bool | None:
         """Return whether a solution meets all conditions; None where a term is no IRI."""
-        met = [condition.holds(solution) for condition in self.conditions]
-        return None if None in met else all(met)
+        met = True
+        for name, equal, term in self.conditions:
+            found = solution.get(name)
+            if not isinstance(found, rdflib.URIRef):
+                return None
+            met &= str.__eq__(found, term) is equal  # rdflib compares slowly
+        return met
 
     def shown(self, row: Row) -> Row:
         """Return the variables of the query in a solution."""

@@ -429,11 +429,11 @@ class StandingQueries:
             delta[shown] = delta.get(shown, 0) + 1
             part.rows.add(row)
             for i, name in part.indexed:
-                having = self._having[row[i]]  # type: ignore[index]
-                if (part, name) in having:
-                    having[part, name].add(row)
+                having, key = self._having[row[i]], (part, name)  # type: ignore[index]
+                if key in having:
+                    having[key].add(row)
                 else:
-                    having[part, name] = {row}
+                    having[key] = {row}
         else:
             delta[shown] = delta.get(shown, 0) - 1
             self._remove(part, row)
@@ -441,11 +441,11 @@ class StandingQueries:
     def _remove(self, part: QueryPart, row: Row) -> None:
         part.rows.remove(row)
         for i, name in part.indexed:
-            having = self._having[row[i]]  # type: ignore[index]
-            rows = having[part, name]
+            having, key = self._having[row[i]], (part, name)  # type: ignore[index]
+            rows = having[key]
             rows.discard(row)
             if not rows:
-                del having[part, name]
+                del having[key]
                 if not having:
                     del self._having[row[i]]  # type: ignore[arg-type]
 

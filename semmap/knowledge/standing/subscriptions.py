@@ -18,7 +18,6 @@ from sqlalchemy import Engine
 from semmap.garbage import no_garbage_collection
 from semmap.knowledge.answer import plain_value
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.sparql.kept_queries import Row
 from semmap.knowledge.sparql.scope import Inferred
 from semmap.knowledge.standing.changes import Changes
 from semmap.knowledge.standing.queries import (
@@ -241,26 +240,25 @@ class Subscriptions(AbstractContextManager["Subscriptions"]):
     def _events_of(self, difference: Difference) -> Iterator[_News]:
         """Yield the events of the subscribers of a query, each with what gets it."""
         found, gone, come, error = difference
+        rows = [
+            (what, row)
+            for what, some in (("disappeared", gone), ("appeared", come))
+            for row in (sorted(some, key=str) if len(some) > 1 else some)
+        ]
         for number in list(self._numbers.get(found, ())):
-            subscriber = self._subscribers[number]
+            subscriber, wanted = self._subscribers[number], rows
             if error is not None:
                 self._remove(number)
                 yield None, error
                 continue
-            disappeared, appeared = _sorted(gone), _sorted(come)
             if subscriber.one_shot:
-                disappeared, appeared = [], appeared[:1]
-                if appeared:
+                wanted = [each for each in rows if each[0] == "appeared"][:1]
+                if wanted:
                     self._remove(number)
-            for what, rows in (("disappeared", disappeared), ("appeared", appeared)):
-                for row in rows:
-                    bound = zip(found.names, row, strict=True)
-                    terms = {n: t for n, t in bound if t is not None}
-                    yield subscriber.callback, Event(number, what, terms, str(self._feed.map_name))
-
-
-def _sorted(rows: list[Row]) -> list[Row]:
-    return rows if len(rows) < 2 else sorted(rows, key=str)
+            for what, row in wanted:
+                bound = zip(found.names, row, strict=True)
+                terms = {n: t for n, t in bound if t is not None}
+                yield subscriber.callback, Event(number, what, terms, self._feed.map_name or "")
 
 
 _OTHERS = frozenset({"belief", "field"})
