@@ -83,7 +83,7 @@ def _reason(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
     reasons = dict.fromkeys(blocked[e][0] for e in edges if e in blocked)
     if edges:
         ends = (start, int(graph.tails[edges[0]])), (goal, int(graph.heads[edges[-1]]))
-        reasons |= dict.fromkeys(r for end in ends if (r := _no_path_at_end(graph, *end)) is not None)
+        reasons |= dict.fromkeys(filter(None, (_no_path_at_end(graph, *end) for end in ends)))
     hint = robot.folding_hint if any(" finds no path " in reason for reason in reasons) else ""
     return f"{message}: {'; '.join(reasons)}{hint}"
 
