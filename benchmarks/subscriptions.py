@@ -20,8 +20,8 @@ __all__ = ["main"]
 NAME = "standing"
 TABLES, CANS, PEOPLE, KINDS = 1000, 10_000, 200, 50
 ALL = 1000
-LIMIT = 0.010
-"""Seconds from the return of the commit until all events are out."""
+LIMIT, LIMIT_OF_ALL = 0.010, 0.040
+"""Seconds from the return of the commit until all events are out: a few, and one of each query."""
 
 EX = "PREFIX ex: <http://example.org/> "
 AREA = (
@@ -195,6 +195,7 @@ def measured(made: semmap.Map, number: int, times: int = 60) -> Row:
     for each in sample:
         query(session, each)
     whole = (time.perf_counter() - start) * len(texts) / len(sample)
+    limit = LIMIT_OF_ALL if least == ALL else LIMIT
     p50, p99 = statistics.median(seconds), statistics.quantiles(seconds, n=100)[98]
     fastest, used = min(seconds), statistics.median(busy)
     print(f"{name}: p50 {1e3 * p50:.1f} ms, p99 {1e3 * p99:.1f} ms", flush=True)
@@ -203,8 +204,8 @@ def measured(made: semmap.Map, number: int, times: int = 60) -> Row:
         f"p50 {1e3 * p50:.1f} ms, p99 {1e3 * p99:.1f} ms, least {1e3 * fastest:.1f} ms; "
         f"{1e3 * used:.1f} ms of processor time; {subscribed:.1f} s to subscribe",
         f"all evaluated again: {1e3 * whole:,.0f} ms",
-        f"p99 within {1e3 * LIMIT:.0f} ms",
-        p99 <= LIMIT,
+        f"p99 within {1e3 * limit:.0f} ms",
+        p99 <= limit,
     )
 
 
