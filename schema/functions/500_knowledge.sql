@@ -1,6 +1,7 @@
 -- The map as RDF: terms of SPARQL as columns. A term whose kind is only known at run time is two texts: its lexical
 -- form, and a tag, which is I for an IRI, B for a blank node, @ and a language for a text in a language, else the
--- datatype. Null is an error of SPARQL, or an unbound variable.
+-- datatype. Null is an error of SPARQL, or an unbound variable. A function that catches an error begins a
+-- subtransaction, which parallel workers cannot: neither it nor its callers are PARALLEL SAFE.
 
 CREATE FUNCTION iri_encode(name text)
 RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
@@ -35,7 +36,7 @@ FROM semmap.entity e JOIN semmap.map m ON m.id = e.map_id WHERE e.id = thing;
 END;
 
 CREATE FUNCTION entity_of_iri(iri text)
-RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+RETURNS bigint LANGUAGE plpgsql STABLE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- The entity of the current map with an IRI; null if there is none.
 DECLARE
     namespace text := (SELECT 'urn:semmap:map:' || semmap.iri_encode(m.name) || '#' FROM semmap.map m WHERE m.id = semmap.current_map());
@@ -112,14 +113,17 @@ END;
 
 CREATE FUNCTION text_number(written text)
 RETURNS double precision LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
--- A number as XML Schema writes it; null for any other text.
+-- A number as XML Schema writes it; null for any other text, and beyond what a double has.
+DECLARE
+    exact numeric;
 BEGIN
-    IF written ~ '^\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,3})?\s*$' THEN
+    IF length(written) < 200 AND written ~ '^\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d\d?)?\s*$' THEN
         RETURN written::double precision;
+    ELSIF length(written) < 10000 AND written ~ '^\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,3})?\s*$' THEN
+        exact := written::numeric;
+        RETURN CASE WHEN exact = 0 THEN 0 WHEN abs(exact) BETWEEN 1e-307 AND 1.7976931348623157e308 THEN exact::double precision END;
     END IF;
     RETURN CASE btrim(written) WHEN 'INF' THEN 'Infinity' WHEN '+INF' THEN 'Infinity' WHEN '-INF' THEN '-Infinity' WHEN 'NaN' THEN 'NaN' END;
-EXCEPTION WHEN numeric_value_out_of_range THEN
-    RETURN NULL;
 END $$;
 
 CREATE FUNCTION text_decimal(written text)
@@ -140,20 +144,107 @@ BEGIN ATOMIC
 SELECT CASE WHEN btrim(written) IN ('true', '1') THEN true WHEN btrim(written) IN ('false', '0') THEN false END;
 END;
 
-CREATE FUNCTION text_time(written text)
-RETURNS timestamptz LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
--- A time as XML Schema writes it; UTC where it has no time zone; null for any other text.
+CREATE FUNCTION text_local_time(written text)
+RETURNS timestamp LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- The clock and calendar of a time or date as XML Schema writes it, in its own time zone; null for any other text.
+DECLARE
+    part text[] := regexp_match(written, '^\s*(\d{4,6})-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])'
+        '(?:T(?:([01]\d|2[0-3]):([0-5]\d):([0-5]\d(?:\.\d+)?)|(24:00:00(?:\.0+)?)))?(?:Z|[+-](?:0\d|1[0-4]):[0-5]\d)?\s*$');
+    day date;
 BEGIN
-    IF written ~ '^\s*-?\d{4,}-\d\d-\d\d(T\d\d:\d\d:\d\d(\.\d+)?)?(Z|[+-]\d\d:\d\d)?\s*$' THEN
-        RETURN CASE WHEN written ~ '(Z|[+-]\d\d:\d\d)\s*$' THEN written::timestamptz ELSE written::timestamp AT TIME ZONE 'UTC' END;
+    IF part IS NULL OR part[1]::integer NOT BETWEEN 1 AND 200000 THEN
+        RETURN NULL;
     END IF;
-    RETURN NULL;
-EXCEPTION WHEN datetime_field_overflow OR invalid_datetime_format THEN
+    day := make_date(part[1]::integer, part[2]::integer, 1) + (part[3]::integer - 1);
+    IF extract(month FROM day) <> part[2]::integer THEN
+        RETURN NULL;  -- such as 30 February
+    END IF;
+    RETURN day + make_interval(days => (part[7] IS NOT NULL)::integer, hours => coalesce(part[4], '0')::integer,
+                               mins => coalesce(part[5], '0')::integer, secs => coalesce(part[6], '0')::double precision);
+END $$;
+
+CREATE FUNCTION text_zone(written text)
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
+-- The time zone of a time as XML Schema writes it; empty where it has none.
+SELECT coalesce(substring(written FROM '(Z|[+-]\d\d:\d\d)\s*$'), '');
+END;
+
+CREATE FUNCTION text_time(written text)
+RETURNS timestamptz LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- A time as XML Schema writes it; UTC where it has no time zone; null for any other text.
+DECLARE
+    zone text := semmap.text_zone(written);
+BEGIN
+    RETURN semmap.text_local_time(written) AT TIME ZONE 'UTC'
+         - CASE WHEN zone IN ('', 'Z') THEN interval '0' ELSE zone::interval END;
+END $$;
+
+CREATE FUNCTION text_duration(written text, tag text)
+RETURNS numeric[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- The months and seconds of a duration as XML Schema writes it; null for any other text or datatype.
+DECLARE
+    part text[] := regexp_match(written, '^\s*(-)?P(?=.)(?:(\d{1,9})Y)?(?:(\d{1,9})M)?(?:(\d{1,9})D)?'
+        '(?:T(?=.)(?:(\d{1,9})H)?(?:(\d{1,9})M)?(?:(\d{1,9}(?:\.\d{1,20})?)S)?)?\s*$');
+    kind text := substr(tag, length('http://www.w3.org/2001/XMLSchema#') + 1);
+    months numeric := 12 * coalesce(part[2], '0')::numeric + coalesce(part[3], '0')::numeric;
+    seconds numeric := 86400 * coalesce(part[4], '0')::numeric + 3600 * coalesce(part[5], '0')::numeric
+        + 60 * coalesce(part[6], '0')::numeric + coalesce(part[7], '0')::numeric;
+    has_months boolean := coalesce(part[2], part[3]) IS NOT NULL;
+    has_seconds boolean := coalesce(part[4], part[5], part[6], part[7]) IS NOT NULL;
+BEGIN
+    IF part IS NULL OR NOT (has_months OR has_seconds) OR written ~ 'T\s*$' OR NOT (
+        kind = 'duration' OR kind = 'dayTimeDuration' AND NOT has_months OR kind = 'yearMonthDuration' AND NOT has_seconds) THEN
+        RETURN NULL;
+    END IF;
+    RETURN CASE WHEN part[1] IS NULL THEN ARRAY[months, seconds] ELSE ARRAY[-months, -seconds] END;
+END $$;
+
+CREATE FUNCTION rdf_duration(months numeric, seconds numeric, tag text)
+RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- A duration as XML Schema writes it.
+DECLARE
+    m numeric := abs(months);
+    s numeric := abs(trim_scale(seconds));
+    written text := CASE WHEN m >= 12 THEN div(m, 12) || 'Y' ELSE '' END || CASE WHEN m % 12 > 0 THEN m % 12 || 'M' ELSE '' END
+        || CASE WHEN s >= 86400 THEN div(s, 86400) || 'D' ELSE '' END || CASE WHEN s % 86400 > 0 THEN 'T' ELSE '' END
+        || CASE WHEN s % 86400 >= 3600 THEN div(s % 86400, 3600) || 'H' ELSE '' END
+        || CASE WHEN s % 3600 >= 60 THEN div(s % 3600, 60) || 'M' ELSE '' END
+        || CASE WHEN s % 60 > 0 THEN trim_scale(s % 60) || 'S' ELSE '' END;
+BEGIN
+    RETURN CASE WHEN written <> '' THEN CASE WHEN least(months, seconds) < 0 THEN '-P' ELSE 'P' END || written
+                WHEN tag = 'http://www.w3.org/2001/XMLSchema#yearMonthDuration' THEN 'P0M' ELSE 'PT0S' END;
+END $$;
+
+CREATE FUNCTION rdf_regex(written text, pattern text, flags text)
+RETURNS boolean LANGUAGE plpgsql IMMUTABLE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- Whether a text has a part that a pattern matches; null for a wrong pattern or flag.
+BEGIN
+    RETURN regexp_like(written, pattern, flags);
+EXCEPTION WHEN invalid_regular_expression OR invalid_parameter_value THEN
     RETURN NULL;
 END $$;
 
+CREATE FUNCTION rdf_replace(written text, pattern text, replacement text, flags text)
+RETURNS text LANGUAGE plpgsql IMMUTABLE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- A text with others for the parts that a pattern matches; null for a wrong pattern or flag.
+BEGIN
+    RETURN regexp_replace(written, pattern, replacement, flags);
+EXCEPTION WHEN invalid_regular_expression OR invalid_parameter_value THEN
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION rdf_pattern(pattern text, flags text)
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
+-- A pattern of XPath as one of PostgreSQL: without the flags s and q, a dot matches no end of a line.
+SELECT CASE WHEN flags ~ '[sq]' OR strpos(pattern, '.') = 0 THEN pattern ELSE (
+    SELECT string_agg(CASE p[1] WHEN '.' THEN '[^\n]' ELSE p[1] END, '' ORDER BY n)
+    FROM regexp_matches(pattern, '\\.|\[\^?\]?(?:\\.|[^]\\])*\]|.', 'g') WITH ORDINALITY AS piece (p, n)) END;
+END;
+
 CREATE FUNCTION text_geometry(written text, tag text)
-RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- A geometry literal of GeoSPARQL (WKT, GML or GeoJSON) in the map's frame; null for any other text. An IRI of a
 -- reference system before WKT is not looked at: a map has one frame. An empty text is an empty geometry.
 BEGIN
@@ -205,6 +296,10 @@ BEGIN
                     WHEN semmap.text_time(a) > semmap.text_time(b) THEN 1 END;
     ELSIF a_tag = 'http://www.w3.org/2001/XMLSchema#boolean' THEN
         RETURN semmap.text_boolean(a)::integer - semmap.text_boolean(b)::integer;
+    ELSIF a_tag IN ('http://www.w3.org/2001/XMLSchema#dayTimeDuration', 'http://www.w3.org/2001/XMLSchema#yearMonthDuration') THEN
+        RETURN CASE WHEN semmap.text_duration(a, a_tag) = semmap.text_duration(b, b_tag) THEN 0
+                    WHEN semmap.text_duration(a, a_tag) < semmap.text_duration(b, b_tag) THEN -1
+                    WHEN semmap.text_duration(a, a_tag) > semmap.text_duration(b, b_tag) THEN 1 END;
     END IF;
     RETURN NULL;
 END $$;
@@ -217,6 +312,7 @@ SELECT CASE WHEN semmap.is_numeric_tag(tag) THEN semmap.text_number(value) IS NO
             WHEN tag = 'http://www.w3.org/2001/XMLSchema#boolean' THEN semmap.text_boolean(value) IS NOT NULL
             WHEN tag IN ('http://www.w3.org/2001/XMLSchema#dateTime', 'http://www.w3.org/2001/XMLSchema#date')
             THEN semmap.text_time(value) IS NOT NULL
+            WHEN tag ~ '[dD]uration$' THEN semmap.text_duration(value, tag) IS NOT NULL
             ELSE tag = 'http://www.w3.org/2001/XMLSchema#string' END;
 END;
 
@@ -227,28 +323,104 @@ BEGIN ATOMIC
 SELECT CASE WHEN a_tag = b_tag AND a = b THEN NOT (semmap.is_numeric_tag(a_tag) AND a = 'NaN')
             WHEN a_tag IN ('I', 'B') OR b_tag IN ('I', 'B') THEN false
             WHEN semmap.rdf_order(a, a_tag, b, b_tag) IS NOT NULL THEN semmap.rdf_order(a, a_tag, b, b_tag) = 0
+            WHEN a_tag ~ '[dD]uration$' AND b_tag ~ '[dD]uration$'
+            THEN semmap.text_duration(a, a_tag) = semmap.text_duration(b, b_tag)
             WHEN starts_with(a_tag, '@') OR starts_with(b_tag, '@') THEN false
             WHEN (semmap.is_numeric_tag(a_tag) <> semmap.is_numeric_tag(b_tag) OR a_tag <> b_tag)
                  AND semmap.rdf_is_valid(a, a_tag) AND semmap.rdf_is_valid(b, b_tag) THEN false END;
 END;
 
+CREATE FUNCTION rdf_calculate_double(operator text, x double precision, y double precision)
+RETURNS double precision LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- x + y, x - y, x * y or x / y as XPath has it: what is too large is infinite, what is too small is 0; null for a division by 0.
+DECLARE
+    usual boolean := (x = 0 OR abs(x) BETWEEN 1e-150 AND 1e150) AND (y = 0 OR abs(y) BETWEEN 1e-150 AND 1e150);
+    finite boolean := abs(x) < 'Infinity' AND abs(y) < 'Infinity';
+    exact numeric;
+BEGIN
+    IF operator = '/' AND y = 0 THEN
+        RETURN NULL;
+    ELSIF NOT usual AND finite THEN
+        exact := CASE operator WHEN '+' THEN x::numeric + y::numeric WHEN '-' THEN x::numeric - y::numeric
+                               WHEN '*' THEN x::numeric * y::numeric ELSE 0 END;
+        IF operator = '/' THEN  -- numeric has few digits of a small quotient
+            exact := ln(abs(x) + (x = 0)::integer) - ln(abs(y));
+            IF x = 0 OR exact < -707 THEN
+                RETURN 0;
+            ELSIF exact > 709.7 THEN
+                RETURN sign(x) * sign(y) * double precision 'Infinity';
+            END IF;
+            RETURN x / y;
+        ELSIF abs(exact) > 1.7976931348623157e308 THEN
+            RETURN CASE WHEN exact > 0 THEN 'Infinity' ELSE '-Infinity' END;
+        ELSIF abs(exact) < 1e-307 THEN
+            RETURN 0;
+        END IF;
+        RETURN exact::double precision;
+    END IF;
+    RETURN CASE operator WHEN '+' THEN x + y WHEN '-' THEN x - y WHEN '*' THEN x * y ELSE x / y END;
+END $$;
+
+CREATE FUNCTION rdf_calculate_time(operator text, a text, a_tag text, b text, b_tag text)
+RETURNS text[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- The text and the tag of what XPath calculates from times and durations (XPath functions 3.1, 8.4 and 9.7): a time and a
+-- duration, two times, two durations, a duration and a number; null for all else.
+DECLARE
+    xsd CONSTANT text := 'http://www.w3.org/2001/XMLSchema#';
+    times CONSTANT text[] := ARRAY[xsd || 'dateTime', xsd || 'date'];
+    kinds CONSTANT text[] := ARRAY[xsd || 'dayTimeDuration', xsd || 'yearMonthDuration'];
+    moved timestamp;
+    x numeric[] := semmap.text_duration(a, a_tag);
+    y numeric[] := semmap.text_duration(b, b_tag);
+    factor numeric;
+    kind text;
+BEGIN
+    IF operator = '+' AND b_tag = ANY (times) AND x IS NOT NULL THEN
+        RETURN semmap.rdf_calculate_time('+', b, b_tag, a, a_tag);
+    ELSIF operator IN ('+', '-') AND a_tag = ANY (times) AND y IS NOT NULL THEN
+        factor := CASE operator WHEN '+' THEN 1 ELSE -1 END;
+        moved := semmap.text_local_time(a);
+        IF extract(year FROM moved) + factor * (y[1] / 12 + y[2] / 31536000) NOT BETWEEN 2 AND 9998 THEN
+            RETURN NULL;
+        END IF;
+        moved := moved + make_interval(months => (factor * y[1])::integer) + make_interval(secs => (factor * y[2])::double precision);
+        RETURN ARRAY[CASE a_tag WHEN xsd || 'date' THEN to_char(moved, 'YYYY-MM-DD')
+                     ELSE replace(to_char(moved, 'YYYY-MM-DD"T"HH24:MI:SS.US'), '.000000', '') END || semmap.text_zone(a), a_tag];
+    ELSIF operator = '-' AND a_tag = b_tag AND a_tag = ANY (times) THEN
+        RETURN ARRAY[semmap.rdf_duration(0, extract(epoch FROM semmap.text_time(a) - semmap.text_time(b)), kinds[1]), kinds[1]];
+    ELSIF operator IN ('+', '-') AND x IS NOT NULL AND y IS NOT NULL THEN
+        factor := CASE operator WHEN '+' THEN 1 ELSE -1 END;
+        x := ARRAY[x[1] + factor * y[1], x[2] + factor * y[2]];
+        IF x[1] * x[2] < 0 THEN
+            RETURN NULL;  -- months and seconds of other signs are written in no way
+        END IF;
+        kind := CASE WHEN a_tag = b_tag THEN a_tag ELSE xsd || 'duration' END;
+        RETURN ARRAY[semmap.rdf_duration(x[1], x[2], kind), kind];
+    ELSIF operator = '*' AND b_tag = ANY (kinds) AND semmap.is_numeric_tag(a_tag) THEN
+        RETURN semmap.rdf_calculate_time('*', b, b_tag, a, a_tag);
+    ELSIF operator IN ('*', '/') AND a_tag = ANY (kinds) AND semmap.is_numeric_tag(b_tag) THEN
+        factor := CASE WHEN abs(semmap.text_number(b)) < 1e9 THEN semmap.text_number(b)::numeric END;
+        factor := CASE operator WHEN '*' THEN factor ELSE 1 / nullif(factor, 0) END;
+        RETURN ARRAY[semmap.rdf_duration(floor(x[1] * factor + 0.5), round(x[2] * factor, 12), a_tag), a_tag];
+    ELSIF operator = '/' AND a_tag = b_tag AND a_tag = ANY (kinds) THEN
+        RETURN ARRAY[semmap.rdf_decimal((x[1] + x[2]) / nullif(y[1] + y[2], 0)), xsd || 'decimal'];
+    END IF;
+    RETURN NULL;
+END $$;
+
 CREATE FUNCTION rdf_calculate(operator text, a text, a_tag text, b text, b_tag text)
 RETURNS text[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
--- The text and the tag of a + b, a - b, a * b or a / b; null for what is not a number, and for a division by zero.
+-- The text and the tag of a + b, a - b, a * b or a / b; null for what has no such value, and for a division by zero.
 DECLARE
     xsd CONSTANT text := 'http://www.w3.org/2001/XMLSchema#';
     x numeric;
     y numeric;
-    found double precision;
 BEGIN
     IF NOT (semmap.is_numeric_tag(a_tag) AND semmap.is_numeric_tag(b_tag)) THEN
-        RETURN NULL;
+        RETURN semmap.rdf_calculate_time(operator, a, a_tag, b, b_tag);
     ELSIF a_tag IN (xsd || 'double', xsd || 'float') OR b_tag IN (xsd || 'double', xsd || 'float') THEN
-        found := CASE operator WHEN '+' THEN semmap.text_number(a) + semmap.text_number(b)
-                               WHEN '-' THEN semmap.text_number(a) - semmap.text_number(b)
-                               WHEN '*' THEN semmap.text_number(a) * semmap.text_number(b)
-                               ELSE semmap.text_number(a) / nullif(semmap.text_number(b), 0) END;
-        RETURN ARRAY[semmap.rdf_double(found), xsd || CASE WHEN xsd || 'double' IN (a_tag, b_tag) THEN 'double' ELSE 'float' END];
+        RETURN ARRAY[semmap.rdf_double(semmap.rdf_calculate_double(operator, semmap.text_number(a), semmap.text_number(b))),
+                     xsd || CASE WHEN xsd || 'double' IN (a_tag, b_tag) THEN 'double' ELSE 'float' END];
     END IF;
     x := semmap.text_decimal(a);
     y := semmap.text_decimal(b);
@@ -259,8 +431,6 @@ BEGIN
         RETURN ARRAY[x::text, xsd || 'integer'];
     END IF;
     RETURN ARRAY[semmap.rdf_decimal(x), xsd || 'decimal'];
-EXCEPTION WHEN numeric_value_out_of_range THEN
-    RETURN NULL;
 END $$;
 
 -- Statements about an IRI follow the entity that gets the IRI.

@@ -68,6 +68,10 @@ def _own_grammar(form: Form, whole: bool) -> Any:
     parser = _loaded_parser()
     for name in ("INTEGER", "DECIMAL", "DOUBLE"):  # rdflib cannot negate a decimal
         getattr(parser, f"{name}_NEGATIVE").set_parse_action(_negative)
+    for element in _elements(parser.PathOneInPropertySet):
+        if isinstance(element, Comp) and element.name == "InversePath":  # without its property
+            element.set_name("PathEltOrInverse")
+            element.expr = "^" + Param("part", parser.iri | parser.A)
     if form == "update":
         grammar = parser.UpdateUnit
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC
@@ -31,9 +30,6 @@ from semmap.language.schema import SPARQL_FUNCTIONS
 Environment = Mapping[str, Value]  # the value of each variable that an expression sees
 
 STRING = DATATYPES["string"]
-
-_DOT = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]|\.", re.DOTALL)
-"""A dot of a regular expression; or what dots may stand in, an escape or a set, as a whole."""
 
 _CASE = '{}({{0}} COLLATE "und-x-icu") COLLATE "default"'
 """By Unicode, where one letter may become two; the server's own tables have single letters."""
@@ -102,7 +98,8 @@ class Expressions:
         form, known = forms.get(tag, ("term", None))
         if form != "term" and known is not None:
             return Value(form, self.bind(known, SQL_TYPES[form]))
-        if tag == DATATYPES["time"] and python is not None:
+        # One in another time zone keeps it.
+        if tag == DATATYPES["time"] and python is not None and not python.utcoffset():
             moment = python if python.tzinfo else python.replace(tzinfo=UTC)
             return Value("time", self.bind(moment, "timestamptz"))
         if tag == DATATYPES["geometry"]:
@@ -194,7 +191,9 @@ class Expressions:
         return Value.of_columns(form, columns)
 
     def _of_COALESCE(self, tree: Any, seen: Environment) -> Value:
-        form, values = self._unify([self.value(each, seen) for each in tree.arg])
+        if not (parts := _listed(tree.arg)):
+            return UNBOUND
+        form, values = self._unify([self.value(each, seen) for each in parts])
         columns = zip(*(value.columns() for value in values), strict=True)
         if form != "term":
             return Value.of_columns(form, (f"coalesce({', '.join(column)})" for column in columns))
@@ -207,8 +206,7 @@ class Expressions:
     def _of_RelationalExpression(self, tree: Any, seen: Environment) -> Value:
         if tree.op in ("IN", "NOT IN"):
             value = self.value(tree.expr, seen)
-            items = [] if tree.other == rdflib.RDF.nil else list(tree.other)
-            each = [self._equal(value, self.value(item, seen)) for item in items]
+            each = [self._equal(value, self.value(item, seen)) for item in _listed(tree.other)]
             found = f"({' OR '.join(each)})" if each else "false"
             return Value("boolean", f"(NOT {found})" if tree.op == "NOT IN" else found)
         left, right = self.value(tree.expr, seen), self.value(tree.other, seen)
@@ -260,6 +258,8 @@ class Expressions:
             if operator == "/" and form == "integer":
                 form = "decimal"
             x, y = (f"({v.sql})::{SQL_TYPES[form]}" for v in (a, b))
+            if form == "double":
+                return Value(form, f"rdf_calculate_double('{operator}', {x}, {y})")
             if operator == "/":
                 y = f"nullif({y}, 0)"
             return Value(form, f"({x} {operator} {y})")
@@ -362,7 +362,7 @@ class Expressions:
         return self._like(value, sql.format(self._string(value)))
 
     def _of_CONCAT(self, tree: Any, seen: Environment) -> Value:
-        values = [self.value(each, seen) for each in tree.arg]
+        values = [self.value(each, seen) for each in _listed(tree.arg)]
         joined = " || ".join(self._string(v) for v in values) if values else "''::text"
         if not values or any(v.form != "term" for v in values):
             return Value("string", f"({joined})")
@@ -391,11 +391,15 @@ class Expressions:
 
     def _of_SUBSTR(self, tree: Any, seen: Environment) -> Value:
         text = self.value(tree.arg, seen)
-        start = f"({self._number(self.value(tree.start, seen))})::int"
+        start = self._place(tree.start, seen)
         if tree.length is None:
             return self._like(text, f"substr({self._string(text)}, {start})")
-        length = f"({self._number(self.value(tree.length, seen))})::int"
+        length = self._place(tree.length, seen)
         return self._like(text, f"substr({self._string(text)}, {start}, greatest({length}, 0))")
+
+    def _place(self, tree: Any, seen: Environment) -> str:
+        """Return the SQL of a number of letters; beyond all texts where it is too large."""
+        return f"least(greatest({self._number(self.value(tree, seen))}, -1e9), 1e9)::int"
 
     def _flags(self, tree: Any, seen: Environment) -> str:
         if tree.flags is None:
@@ -406,16 +410,13 @@ class Expressions:
         return f"translate({flags}, 'mbcegnptws', 'w????????')"
 
     def _pattern(self, tree: Any, seen: Environment) -> str:
-        """Return the SQL of a pattern; in one that the text has, a dot matches no newline."""
-        pattern = tree.pattern
-        if isinstance(pattern, rdflib.Literal) and not set(str(tree.flags or "")) & set("sq"):
-            dots = _DOT.sub(lambda found: r"[^\n]" if found[0] == "." else found[0], str(pattern))
-            pattern = rdflib.Literal(dots)
-        return self._string(self.value(pattern, seen))
+        pattern = self._string(self.value(tree.pattern, seen))
+        return f"rdf_pattern({pattern}, {self._string(self.value(tree.flags or _NONE, seen))})"
 
     def _of_REGEX(self, tree: Any, seen: Environment) -> Value:
         text, pattern = self._string(self.value(tree.text, seen)), self._pattern(tree, seen)
-        return Value("boolean", f"regexp_like({text}, {pattern}, {self._flags(tree, seen)})")
+        function = "regexp_like" if _is_constant(tree) else "rdf_regex"
+        return Value("boolean", f"{function}({text}, {pattern}, {self._flags(tree, seen)})")
 
     def _of_REPLACE(self, tree: Any, seen: Environment) -> Value:
         text = self.value(tree.arg, seen)
@@ -423,22 +424,26 @@ class Expressions:
         by = self._string(self.value(tree.replacement, seen))
         by = f"regexp_replace({by}, '\\$(\\d)', '\\\\\\1', 'g')"
         flags = f"{self._flags(tree, seen)} || 'g'"
-        return self._like(text, f"regexp_replace({self._string(text)}, {pattern}, {by}, {flags})")
+        function = "regexp_replace" if _is_constant(tree) else "rdf_replace"
+        return self._like(text, f"{function}({self._string(text)}, {pattern}, {by}, {flags})")
 
     def _plain(self, tree: Any, seen: Environment, sql: str) -> Value:
         return Value("string", sql.format(self._string(self.value(tree.arg, seen))))
 
     def _field(self, tree: Any, seen: Environment, name: str) -> Value:
         value = self.value(tree.arg, seen)
-        if value.form == "term":
-            raise UntranslatedError(f"{name.upper()} of a stated time has its own time zone")
-        moment = value.sql if value.form == "time" else "NULL::timestamptz"
         form = "decimal" if name == "second" else "integer"
-        return Value(form, f"extract({name} FROM {moment} AT TIME ZONE 'UTC')")
+        local = "NULL::timestamp"
+        if value.form == "time":
+            local = f"{value.sql} AT TIME ZONE 'UTC'"
+        elif value.form == "term":  # in the time zone that was stated
+            kinds = f"'{XSD}dateTime'" + f", '{XSD}date'" * (name in ("year", "month", "day"))
+            local = f"(CASE WHEN {value.tag} IN ({kinds}) THEN text_local_time({value.sql}) END)"
+        return Value(form, f"extract({name} FROM {local})")
 
     def _of_Function(self, tree: Any, seen: Environment) -> Value:
         iri = str(tree.iri)
-        arguments = [self.value(each, seen) for each in tree.expr or ()]
+        arguments = [self.value(each, seen) for each in _listed(tree.expr or ())]
         cast = CASTS.get(iri)
         if cast is not None and len(arguments) == 1:
             found = self._cast(arguments[0], *cast)
@@ -500,6 +505,18 @@ class Expressions:
             f"ELSE coalesce({written}, {number}::{SQL_TYPES[form]}) END)"
         )
 
+
+def _listed(expressions: Any) -> list[Any]:
+    """Return a list of expressions, which rdflib has as rdf:nil where it is empty."""
+    return [] if isinstance(expressions, rdflib.URIRef) else list(expressions)
+
+
+def _is_constant(tree: Any) -> bool:
+    """Return whether a pattern is of the text, where a wrong one is an error of the query."""
+    return isinstance(tree.pattern, rdflib.Literal)
+
+
+_NONE = rdflib.Literal("")
 
 SHARED: Mapping[str, str] = {
     "ABS": "abs({0})",

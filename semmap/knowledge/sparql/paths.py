@@ -46,7 +46,7 @@ class PropertyPaths(TripleMatch, ABC):
     ) -> Iterable[Rows]:
         """Yield the rows of a negated property set, for each direction."""
         forward = [a for a in path.args if not isinstance(a, InvPath)]
-        backward = [_inner(a) for a in path.args if isinstance(a, InvPath)]
+        backward = [a.arg for a in path.args if isinstance(a, InvPath)]
         for excluded, start, end in ((forward, subject, object_), (backward, object_, subject)):
             if not excluded:
                 continue
@@ -141,10 +141,3 @@ def _closure(base: str, step: str, mod: str, columns: str, r: str, q: str) -> st
     if mod != "?":
         base = f"WITH RECURSIVE {r} ({columns}) AS ({base} UNION {step}) SELECT {columns} FROM {r}"
     return f"LATERAL ({base}) {q} ({columns})"
-
-
-def _inner(path: Any) -> Any:
-    """Return the property of an inverse path, which rdflib wraps twice."""
-    while isinstance(path, InvPath):
-        path = path.arg
-    return path
