@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from semmap.database.programs import Programs
@@ -77,10 +77,11 @@ def access_rules() -> str:
     return "local all all peer map=semmap\n"
 
 
-def user_map(owner: str) -> str:
-    """``pg_ident.conf``: the cluster's owner, and root, are its superuser, or its reader."""
+def user_map(owner: str, logins: Sequence[str] = (SUPERUSER, READER)) -> str:
+    """``pg_ident.conf``: the cluster's owner, and root, log in as each of `logins`."""
     users = dict.fromkeys((owner, "root"))
-    return "".join(f'semmap "{user}" {role}\n' for user in users for role in (SUPERUSER, READER))
+    quoted = (login.replace('"', '""') for login in logins if login.isprintable())
+    return "".join(f'semmap "{user}" "{role}"\n' for role in quoted for user in users)
 
 
 def _memory() -> float:

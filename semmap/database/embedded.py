@@ -6,7 +6,7 @@ import contextlib
 import fcntl
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -274,11 +274,11 @@ class Cluster:
         }.items():
             home.write(name, text)
 
-    def write_user_map(self) -> None:
+    def write_user_map(self, logins: Sequence[str]) -> None:
         """Write ``ident.conf``, which says who logs in as whom; the server reads it when told."""
         owner = server_account(self.data)
         with self._locked() as home:
-            home.write("ident.conf", configuration.user_map(owner.name))
+            home.write("ident.conf", configuration.user_map(owner.name, logins))
 
     def _check_entry(self, owner: Account) -> None:
         if not owner.can_enter(self.home):

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import psycopg
 from psycopg.conninfo import make_conninfo
 
 from semmap.database.configuration import READER, SUPERUSER
 from semmap.database.embedded import Cluster
 from semmap.database.error import DatabaseError
 from semmap.database.rights import LIMIT_RIGHTS, excess_rights
-from semmap.database.shared_engine import SharedConnection
+from semmap.database.user_map import RELOAD_SECONDS, admit_logins, cluster_of, log_in
 
 if TYPE_CHECKING:
+    import psycopg
     from sqlalchemy import Engine
-
-RELOAD_SECONDS = 10.0
-"""How long the server may take to read its user map again."""
 
 
 def reading_session(session: psycopg.Connection[Any]) -> psycopg.Connection[Any] | None:
@@ -32,16 +27,16 @@ def reading_session(session: psycopg.Connection[Any]) -> psycopg.Connection[Any]
     if session.info.user != SUPERUSER or session.info.host[:1] != "/":
         return None
     conninfo = make_conninfo(session.info.dsn, user=READER)
-    reader = _login(conninfo)
+    reader = log_in(conninfo)
     excess = None if reader is None else excess_rights(reader)
     if excess != []:
         if reader is not None:
             reader.close()
-        cluster = _cluster(session)
+        cluster = cluster_of(session)
         if cluster is None:
             return None
         _prepare(cluster, session)
-        reader = _login(conninfo, patience=RELOAD_SECONDS)
+        reader = log_in(conninfo, patience=RELOAD_SECONDS)
         assert reader is not None
         excess = excess_rights(reader)
     if excess:
@@ -67,35 +62,8 @@ def as_reader(engine: Engine) -> Engine | None:
     return make_engine(engine.url.set(username=READER))
 
 
-def _login(conninfo: str, patience: float = 0.0) -> psycopg.Connection[Any] | None:
-    """Log in as the reader; None if that is not possible, without `patience`, seconds."""
-    deadline = time.monotonic() + patience
-    while True:
-        try:
-            return SharedConnection.connect(conninfo, autocommit=True)
-        except psycopg.OperationalError as error:
-            if not patience:
-                return None
-            if time.monotonic() > deadline:
-                raise DatabaseError(f"the login {READER} does not work: {error}") from error
-        time.sleep(0.05)
-
-
-def _cluster(session: psycopg.Connection[Any]) -> Cluster | None:
-    """The cluster of this user that a session is connected with, if it is one."""
-    row = session.execute(
-        "SELECT setting FROM pg_settings WHERE name = 'data_directory'"
-    ).fetchone()
-    if row is None:  # only a superuser is told
-        return None
-    cluster = Cluster(Path(row[0]).parent)
-    running = cluster.running()
-    return cluster if running is not None and running.samefile(session.info.host) else None
-
-
 def _prepare(cluster: Cluster, session: psycopg.Connection[Any]) -> None:
     """Make the login, take from everybody what it must not have, and let it in."""
     with session.transaction():
         session.execute(LIMIT_RIGHTS)  # as it stands: its percent signs are its own
-    cluster.write_user_map()
-    session.execute("SELECT pg_reload_conf()")
+    admit_logins(cluster, session)

@@ -6,9 +6,14 @@ import threading
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from semmap.api.database import Database, connect
+from semmap.database.role_login import login_url
+
+if TYPE_CHECKING:
+    from sqlalchemy import URL
 
 MOST_HANDLES = 16
 """The most handles that requests use at once."""
@@ -22,14 +27,14 @@ class Handles:
 
     def __init__(self, database: Database, seconds: float = SECONDS) -> None:
         self._seconds = seconds
-        self._own, self._reading = database.engine.url, database.reading_engine.url
+        self._engine, self._reading = database.engine, database.reading_engine.url
         self._free: defaultdict[str | None, list[Database]] = defaultdict(list)
         self._lock = threading.Lock()
 
     @property
     def reads_apart(self) -> bool:
         """Whether readers have a login of their own, whose rights no statement can leave."""
-        return self._reading != self._own
+        return self._reading != self._engine.url
 
     @contextmanager
     def lend(self, role: str | None) -> Iterator[Database]:
@@ -43,11 +48,11 @@ class Handles:
 
     def open(self, role: str | None) -> Database:
         """Open a handle that its caller closes."""
-        reads = role is None and self.reads_apart
-        url = self._reading if reads else self._own
         settings = f"-c statement_timeout={1e3 * self._seconds:.0f}"
-        if not reads:
+        login = self._login(role)
+        if login is None:
             settings += f" -c role={role or 'semmap_reader'}"
+        url = login or self._engine.url
         text = url.set(drivername="postgresql").render_as_string(hide_password=False)
         text += f"{'&' if url.query else '?'}options={quote(settings)}"
         return connect(text, migrate=False)
@@ -58,6 +63,12 @@ class Handles:
             for handle in (each for waiting in self._free.values() for each in waiting):
                 handle.close()
             self._free.clear()
+
+    def _login(self, role: str | None) -> URL | None:
+        """The URL of the role's login; None where it has none, on a database by URL."""
+        if not self.reads_apart:
+            return None
+        return self._reading if role is None else login_url(self._engine, role)
 
     def _take(self, role: str | None) -> Database | None:
         """A handle that waits, and whose server has not left it."""

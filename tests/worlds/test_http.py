@@ -13,14 +13,17 @@ from urllib.parse import quote
 
 import httpx
 import numpy as np
+import psycopg
 import pyogrio
 import pytest
 import shapely
+from psycopg import sql
 from pyproj import Geod, Transformer
 from sqlalchemy import Engine
 from starlette.testclient import TestClient
 
 import semmap
+from semmap.error import RightsError
 from semmap.server.handles import Handles
 from semmap.server.http_api import HttpApi
 from tests.served import served
@@ -220,6 +223,38 @@ def test_ways_are_the_lines_of_the_route(web: httpx.Client, db: semmap.Database)
         assert line.distance(shapely.Point(step.leave.x, step.leave.y)) < 1e-6
     file = web.get("/maps/house/ways", params=words | {"robot": "/etc/passwd"})
     assert (file.status_code, "give the name" in file.json()["error"]) == (400, True)
+
+
+@pytest.mark.parametrize("role", ["semmap_reader", "semmap_robot", "semmap_admin"])
+def test_no_statement_leaves_the_role_of_a_token(db: semmap.Database, role: str) -> None:
+    with Handles(db).open(role) as handle:
+        for session in (handle.session, handle.map("house").connection):
+            for statement in ("RESET ROLE", "RESET SESSION AUTHORIZATION", "SET ROLE none"):
+                session.execute(statement)
+                who = session.execute("SELECT session_user, current_user").fetchone()
+                assert who == (role, role)
+            with pytest.raises(psycopg.errors.InsufficientPrivilege):
+                session.execute("SET SESSION AUTHORIZATION semmap")
+
+
+def test_a_role_that_is_made_later_has_a_login(db: semmap.Database) -> None:
+    name = 'turtle"bot'
+    with db.engine.begin() as connection:
+        connection.exec_driver_sql(f"CREATE ROLE {quoted_name(name)} IN ROLE semmap_robot")
+    try:
+        with Handles(db).open(name) as handle:
+            assert handle.session.execute("SELECT session_user").fetchone() == (name,)
+            with Handles(db).open("semmap_admin"):  # the map of users keeps all
+                pass
+        with pytest.raises(RightsError, match="there is no role nobody"):
+            Handles(db).open("nobody")
+    finally:
+        with db.engine.begin() as connection:
+            connection.exec_driver_sql(f"DROP ROLE {quoted_name(name)}")
+
+
+def quoted_name(name: str) -> str:
+    return sql.Identifier(name).as_string()
 
 
 @pytest.mark.parametrize("role", [None, "semmap_robot"])
