@@ -25,6 +25,7 @@ from semmap.knowledge.shacl import BrokenShapeError
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
+from semmap.knowledge.vocabulary import graph_names
 from semmap.language.parser import ParsedText
 
 
@@ -143,8 +144,8 @@ def _clear(view: MapView, graph: str) -> int:
     conditions = {"NAMED": "graph <> ''", "ALL": "true", "DEFAULT": "graph = ''"}
     removed = view.session.execute(
         "DELETE FROM statement WHERE map_id = %(map)s AND "
-        + conditions.get(graph, "graph = %(graph)s"),
-        {"map": view.number, "graph": graph},
+        + conditions.get(graph, "graph = ANY (%(graphs)s)"),
+        {"map": view.number, "graphs": graph_names(graph)},
     ).rowcount
     if graph in ("DEFAULT", "ALL"):
         # Has the default graph more than statements, now that these are gone?

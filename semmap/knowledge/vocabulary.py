@@ -13,6 +13,8 @@ PROPERTY = "urn:semmap:property#"  # the properties that entities have as JSON: 
 RELATION = "urn:semmap:relation#"  # the links between entities: a property for each relation
 TYPE = "urn:semmap:type#"  # the semantic types that no ontology declares
 
+GRAPH = "urn:semmap:graph:"  # the stored graphs whose names are not IRIs
+
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 OWL = "http://www.w3.org/2002/07/owl#"
@@ -52,6 +54,17 @@ IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:[^\x00-\x20<>\"{}|^`\\\ud800-\udfff]*
 def encode(name: str) -> str:
     """Return a name as a part of an IRI, as the SQL function `iri_encode` does."""
     return quote(name, safe="")
+
+
+def graph_iri(name: str) -> str:
+    """Return the IRI of a stored graph: its name, or one made of a name that is not an IRI."""
+    return name if IRI.fullmatch(name) else GRAPH + encode(name)
+
+
+def graph_names(iri: str) -> list[str]:
+    """Return the names under which the graph of an IRI, or of a name, may be stored."""
+    name = decode(iri.removeprefix(GRAPH)) if iri.startswith(GRAPH) else None
+    return [iri, name] if name and graph_iri(name) == iri else [iri]
 
 
 def decode(part: str) -> str | None:

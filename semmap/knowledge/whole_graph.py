@@ -17,7 +17,7 @@ from semmap.knowledge.mapping import INFERENCES, INFERRED_GRAPH, STATEMENTS, TRI
 from semmap.knowledge.sparql.kept_queries import Session, term_of
 from semmap.knowledge.sparql.values import tag_of, text_of
 from semmap.knowledge.triple_map import OWN_LETTERS, TripleMap
-from semmap.knowledge.vocabulary import prefixes
+from semmap.knowledge.vocabulary import graph_iri, prefixes
 
 Graph = TypeVar("Graph", bound=rdflib.Graph)
 
@@ -37,7 +37,7 @@ def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, 
                         subject,
                         rdflib.URIRef(row[2]),
                         object_,
-                        rdflib.URIRef(row[5]) if row[5] else None,
+                        rdflib.URIRef(graph_iri(row[5])) if row[5] else None,
                     )
 
 

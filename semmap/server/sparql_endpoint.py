@@ -29,7 +29,7 @@ from semmap.knowledge.results import RESULT_FORMATS, TRUTH_FORMATS
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.updates import update
-from semmap.knowledge.vocabulary import IRI
+from semmap.knowledge.vocabulary import IRI, graph_iri, graph_names
 from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
 from semmap.language.error import QueryError
 from semmap.server.handles import Handles
@@ -120,8 +120,9 @@ class SparqlEndpoint:
         with self._session(request) as session, limited(session, self._seconds):
             dataset = with_prefixes(rdflib.Dataset(), MapView.of(session).name)
             inferences = named == INFERRED_GRAPH
+            wanted = None if named is None else graph_iri(named)
             for s, p, o, graph in facts(session, inferences=inferences):
-                if (None if graph is None else str(graph)) == named:
+                if (None if graph is None else str(graph)) == wanted:
                     dataset.default_graph.add((s, p, o))
                 if len(dataset.default_graph) > self._rows:
                     raise KnowledgeError(
@@ -149,8 +150,8 @@ class SparqlEndpoint:
             with with_consequences(view):
                 if method in ("PUT", "DELETE"):
                     gone = session.execute(
-                        "DELETE FROM statement WHERE map_id = %s AND graph = %s",
-                        (view.number, named),
+                        "DELETE FROM statement WHERE map_id = %s AND graph = ANY (%s)",
+                        (view.number, graph_names(named or "")),
                     ).rowcount
                 FactWriter(view).insert(new)
         if method == "DELETE" and not gone:

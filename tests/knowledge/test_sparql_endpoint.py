@@ -19,7 +19,7 @@ from semmap.knowledge.whole_graph import without_warnings
 from semmap.server.requests import read_tokens
 from tests.served import served
 
-WRITER, READER = "w" * 20, "r" * 20
+WRITER, READER, ADMIN = "w" * 20, "r" * 20, "a" * 20
 QUERY = "SELECT ?n { ?x a semmap:Sofa ; semmap:name ?n }"
 XML = "{http://www.w3.org/2005/sparql-results#}"
 
@@ -27,7 +27,7 @@ XML = "{http://www.w3.org/2005/sparql-results#}"
 @contextmanager
 def serving(loft_map: Map, **options: float) -> Iterator[httpx.Client]:
     """A client of the protocol of the loft."""
-    tokens = {WRITER: "semmap_robot", READER: "semmap_reader"}
+    tokens = {WRITER: "semmap_robot", READER: "semmap_reader", ADMIN: "semmap_admin"}
     with (
         semmap.connect(loft_map.database.address) as database,
         served(database, tokens, **options) as url,
@@ -279,6 +279,20 @@ def test_a_graph_is_named_by_an_iri(client: httpx.Client, name: str) -> None:
     assert answer.status_code == 400, answer.text
     found = client.get("/sparql", params={"query": "ASK { ?s ?p 'from the store' }"})
     assert found.json()["boolean"] is False
+
+
+@pytest.mark.parametrize("named", ["no IRI", "urn:semmap:graph:no%20IRI"])
+def test_a_stored_graph_that_no_iri_names_is_read_and_deleted(
+    loft_map: Map, client: httpx.Client, named: str
+) -> None:
+    loft_map.execute(
+        "INSERT INTO statement (map_id, subject, predicate, object, tag, graph) "
+        "VALUES (current_map(), 'urn:a', 'urn:b', 'urn:c', 'I', 'no IRI')"
+    )
+    name = {"graph": named}
+    assert client.get("/graph", params=name).status_code == 200
+    assert client.delete("/graph", params=name, headers=bearer(ADMIN)).status_code == 204
+    assert client.get("/graph", params=name).status_code == 404
 
 
 @pytest.mark.parametrize("term", ["<http://e/a b>", r"'a\u0000'", r"'a\uD800'"])

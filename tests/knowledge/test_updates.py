@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from urllib.parse import quote
 
 import psycopg
 import pytest
+import rdflib
 
 from semmap import Map
 from semmap.ingest.world import WorldError
@@ -160,6 +162,23 @@ def test_what_is_written_is_read_again_without_a_change(
     assert store_facts(changing, facts, Path("loft")) == 0
 
 
+@pytest.mark.parametrize("name", ["no IRI", "noiri", "a<b>", "http://e/ a", "\\", 'ü"'])
+def test_a_stored_graph_that_no_iri_names_is_written_and_dropped(
+    changing: psycopg.Connection, name: str
+) -> None:
+    update(changing, EX + "INSERT DATA { GRAPH ex:g { :bob ex:saw 1 } GRAPH ex:h { :a ex:p 2 } }")
+    changing.execute("UPDATE statement SET graph = %s WHERE graph = 'http://example.org/g'", [name])
+    iri = rdflib.URIRef("urn:semmap:graph:" + quote(name, safe=""))
+    for format_ in ("trig", "nquads", "json-ld"):
+        facts = parse_facts(serialized(dump(changing), format_), format_, Path("loft"))
+        (fact,) = (fact for fact in facts if str(fact.property).endswith("saw"))
+        assert fact.graph == iri
+    for wrong in (quote(name, safe="")[:-1], "", "http%3A%2F%2Fexample.org%2Fh"):
+        assert update(changing, f"DROP SILENT GRAPH <urn:semmap:graph:{wrong}>").removed == 0
+    assert update(changing, f"DROP GRAPH {iri.n3()}").removed == 1
+    assert update(changing, EX + "DROP GRAPH ex:h").removed == 1
+
+
 def test_files_of_strangers(changing: psycopg.Connection) -> None:
     text = "@prefix : <urn:semmap:map:loft#> . :bob <http://example.org/owns> [ :size 3 ] ."
     assert store_facts(changing, parse_facts(text, "turtle", Path("a.ttl")), Path("a.ttl")) == 2
@@ -195,7 +214,6 @@ INJECTIONS = (
 
 @pytest.mark.parametrize("hostile", INJECTIONS)
 def test_hostile_texts_are_values(changing: psycopg.Connection, hostile: str) -> None:
-    from urllib.parse import quote
 
     literal = '"' + hostile.replace("\\", "\\\\").replace('"', '\\"') + '"'
     iri = f"<http://example.org/{quote(hostile, safe='')}>"
