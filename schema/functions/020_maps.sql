@@ -165,6 +165,8 @@ DECLARE
     gone integer;
     n bigint;
 BEGIN
+    -- An import into another map may use these meshes. As imports do, it takes this lock before all others.
+    PERFORM pg_advisory_xact_lock(hashtext('semmap.import'));
     SELECT id INTO gone FROM semmap.map WHERE name = map_name FOR UPDATE;
     IF gone IS NULL THEN
         RAISE EXCEPTION 'there is no map named %', map_name

@@ -48,7 +48,7 @@ from semmap.ingest.store.holder_store import (
     recognise_parts,
 )
 from semmap.ingest.store.model_store import Progress
-from semmap.ingest.store.world_store import store_world
+from semmap.ingest.store.world_store import LOCK_IMPORTS, store_world
 from semmap.ingest.storeys import FOUND, found_storeys
 from semmap.ingest.world import Shape, Skipped, StoreyDetail, World, WorldError, poses_in_map
 from semmap.limits import ENTRIES, EXTENT, NAME_CHARACTERS
@@ -309,6 +309,7 @@ def import_file(
     source = source or str(path.resolve())
     moved = _settle_frame(engine, map_name or world.name, path, world, source)
     with engine.begin() as connection:
+        connection.exec_driver_sql(LOCK_IMPORTS)  # drop_map takes it before the row of the map
         load_tbox(connection)
         map_id = _map_id(connection, map_name or world.name)
         session = driver_of(connection)

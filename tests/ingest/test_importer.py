@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from semmap.ingest.importer import import_file
 from semmap.ingest.world import WorldError
 from tests.command_line import semmap
 from tests.ingest.worlds_by_hand import box_world, room_features
+from tests.waiting import wait_until
 
 COUNTS = (
     "SELECT (SELECT count(*) FROM entity), (SELECT count(*) FROM placement), "
@@ -84,6 +86,35 @@ def test_meshes_are_shared_by_their_instances(engine: Engine, tmp_path: Path) ->
     summary = import_file(engine, path, map_name="shared")
     assert summary.added == 6
     assert counts(engine)[2] == before[2] + 1
+
+
+@pytest.mark.parametrize("stage", ["entities", "placements"])
+@pytest.mark.parametrize("map_name", ["gone", "other"])
+def test_a_map_is_dropped_after_an_import_that_has_begun(
+    engine: Engine, tmp_path: Path, map_name: str, stage: str
+) -> None:
+    import_file(engine, box_world(tmp_path, {"a": (0, 0, 0), "b": (3, 0, 0)}), map_name="gone")
+    path = box_world(tmp_path, {"a": (0, 0, 0), "c": (6, 0, 0)})
+    begun: list[Future[None]] = []
+
+    def drop() -> None:
+        with engine.begin() as connection:
+            connection.execute(text("SELECT drop_map('gone')"))
+
+    def is_waiting() -> bool:
+        with engine.connect() as connection:
+            statement = "SELECT count(*) FROM pg_stat_activity WHERE wait_event_type = 'Lock'"
+            return bool(connection.scalar(text(f"{statement} AND query ~ '^SELECT drop_map'")))
+
+    def drop_at_stage(at: str, done: int, _: int) -> None:
+        if at == stage and not begun:
+            begun.append(pool.submit(drop))
+            wait_until(is_waiting)
+
+    with ThreadPoolExecutor() as pool:
+        import_file(engine, path, map_name=map_name, progress=drop_at_stage)
+        begun[0].result()
+    assert set(poses(engine, map_name)) == ({"a", "c"} if map_name == "other" else set())
 
 
 def test_moves_by_a_robot_survive_an_import(engine: Engine, tmp_path: Path) -> None:

@@ -28,6 +28,9 @@ from semmap.ingest.world import (
     unique_name,
 )
 
+LOCK_IMPORTS = "SELECT pg_advisory_xact_lock(hashtext('semmap.import'))"
+"""Lets no other transaction store a world, or drop a map, until this one ends."""
+
 SAME_ELEVATION = 0.01
 """Metres by which the elevations of a storey in two files may differ."""
 
@@ -55,7 +58,7 @@ def store_world(
     """Store a world in a map; without a source, a repeated import does not find its entities."""
     stored = StoreSummary(notes=list(world.notes))
     with connection.cursor() as cursor:
-        cursor.execute("SELECT pg_advisory_xact_lock(hashtext('semmap.import'))")
+        cursor.execute(LOCK_IMPORTS)
         entries = _unique_names(cursor, map_id, world, source, stored)
         _add_types(cursor, entries, stored)
         models, stored.models = store_models(cursor, entries, progress)
