@@ -9,10 +9,12 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any
 
+import psycopg
+
 from semmap.api.operations import OPERATIONS, Operation, Right
 from semmap.api.signatures import REQUIRED, Argument
 from semmap.draw.picture import Picture
-from semmap.error import Error, InvalidArgumentError
+from semmap.error import Error, InvalidArgumentError, RightsError
 from semmap.plain_values import plain
 from semmap.server.json_schema import NAMED, Schema, schema_of
 
@@ -108,6 +110,8 @@ class OperationCall:
         try:
             return self._done(handle, given)
         except Error as error:
+            if isinstance(error.__cause__, psycopg.errors.InsufficientPrivilege):
+                raise RightsError(str(error)) from error
             if not re.search(HINT, str(error)) or self._member != "sql":
                 raise
             told = re.sub(HINT, "", str(error))  # an argument that `_WRITING` leaves out

@@ -207,6 +207,12 @@ def test_what_a_role_may_not_change_is_refused(web: httpx.Client, db: semmap.Dat
     assert db.map("house")["kitchen"].type == "kitchen"
 
 
+@pytest.mark.parametrize("statement", ["SELECT lo_create(0)", "SELECT pg_read_file('x')"])
+def test_a_statement_without_the_right_is_refused(web: httpx.Client, statement: str) -> None:
+    told = web.post("/maps/house/sql", json={"statement": statement})
+    assert (told.status_code, "permission denied" in told.json()["error"]) == (403, True), told.text
+
+
 def test_properties_of_the_map_are_operations_too(web: httpx.Client) -> None:
     for name in ("robots", "binding_shapes"):
         told = web.post(f"/maps/house/{name}", json={})
