@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from semmap.api.database import Database, connect
 from semmap.database.role_login import login_url
+from semmap.server.availability import Availability
 
 if TYPE_CHECKING:
     from sqlalchemy import URL
@@ -28,6 +29,7 @@ class Handles:
     def __init__(self, database: Database, seconds: float = SECONDS) -> None:
         self._seconds = seconds
         self._engine, self._reading = database.engine, database.reading_engine.url
+        self._availability = Availability(self._engine.url)
         self._free: defaultdict[str | None, list[Database]] = defaultdict(list)
         self._lock = threading.Lock()
 
@@ -47,7 +49,8 @@ class Handles:
                 self._free[role].append(handle)
 
     def open(self, role: str | None) -> Database:
-        """Open a handle that its caller closes."""
+        """Open a handle that its caller closes; DatabaseError at once if the database is away."""
+        self._availability.check()
         settings = f"-c statement_timeout={1e3 * self._seconds:.0f}"
         login = self._login(role)
         if login is None:
@@ -59,6 +62,7 @@ class Handles:
 
     def close(self) -> None:
         """Close those that wait."""
+        self._availability.close()
         with self._lock:
             for handle in (each for waiting in self._free.values() for each in waiting):
                 handle.close()

@@ -16,6 +16,7 @@ from urllib.parse import quote
 
 import anyio
 import psycopg
+import sqlalchemy.exc
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
@@ -68,8 +69,11 @@ STATUS: dict[type[Exception], int] = {
     psycopg.IntegrityError: 400,
     psycopg.DataError: 400,
     psycopg.OperationalError: 503,
+    sqlalchemy.exc.OperationalError: 503,
 }
 """The HTTP status of each error."""
+
+_AWAY = (DatabaseError, psycopg.OperationalError, sqlalchemy.exc.OperationalError)
 
 RIGHTS: dict[str | None, tuple[Right, ...]] = {
     None: ("reader",),
@@ -325,7 +329,7 @@ async def _failure(_: Request, error: Exception) -> Response:
     headers = {"WWW-Authenticate": "Bearer"} if status == 401 else {}
     lines = [line for line in str(error).splitlines() if line.strip()]
     said = lines[0] if lines else type(error).__name__
-    if isinstance(error, DatabaseError | psycopg.OperationalError):
+    if isinstance(error, _AWAY):
         said = "the database does not answer: try again"  # not where it is, and who asks
     if status == 503 and not isinstance(error, KnowledgeError):
         headers["Retry-After"] = "1"
