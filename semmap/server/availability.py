@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import psycopg
@@ -36,10 +37,8 @@ class Availability:
             if self._asked is None or self._asked.done():
                 self._asked = self._pool.submit(self._answers)
             asked = self._asked
-        try:
+        with suppress(TimeoutError):
             self._away = not asked.result(QUICK if self._away else None)
-        except TimeoutError:
-            pass
         if self._away:
             raise DatabaseError("the database does not answer: try again")
 
