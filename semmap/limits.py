@@ -103,6 +103,7 @@ SURFACE_TRIANGLES = Limit(
 )
 PIXELS = Limit("pixels", 2**26, "pixels", "the image of an occupancy grid")
 ARRAY_VALUES = Limit("array_values", 2**26, "values", "an array of a NumPy file")
+CLOUD_POINTS = Limit("cloud_points", 5_000_000, "points", "a point cloud of a camera")
 UNPACKED = Limit("unpacked", 100, "times its size", "a recording (MCAP), unpacked")
 GRID_CELLS = Limit("grid_cells", 2**30, "cells", "an occupancy grid or costmap")
 LINKS = Limit("links", 500, "links", "a robot")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,16 @@ from scipy.spatial import cKDTree
 
 import semmap_native
 from semmap.error import Error
+from semmap.limits import CLOUD_POINTS
 from semmap.npy_file import read_npy
 
 Floats = NDArray[np.float64]
 
 FARTHEST = 1e6
 """Metres; farther coordinates are those of broken files, and squares of them overflow."""
+
+HEADER_BYTES = 4096
+"""In which a PLY file states how many points it has."""
 
 NEIGHBOURS = 20
 """Points of a local plane."""
@@ -30,19 +35,24 @@ class PerceptionError(Error, ValueError):
 def read_cloud(path: Path) -> Floats:
     """Return the points (n, 3) of a PLY file, or the array of a NumPy file, metres.
 
-    Raises PerceptionError: the file is missing, of another format, or has no points.
+    Raises PerceptionError: the file is missing, of another format, too large, or has no points.
     """
     if not path.is_file():
         raise PerceptionError(f"{path} does not exist: give a PLY or NPY file with points")
     try:
         if path.suffix.lower() == ".npy":
-            points = read_npy(path)
+            points = read_npy(path, CLOUD_POINTS, 3)
         else:
             import trimesh
 
+            with path.open("rb") as file:
+                stated = re.search(rb"element vertex (\d+)", file.read(HEADER_BYTES))
+            _refuse_large(int(stated[1]) if stated else 0, str(path))
             loaded: Any = trimesh.load(path, process=False, file_type="ply")
             points = loaded.vertices
         points = np.asarray(points, np.float64)
+    except PerceptionError:
+        raise
     except Exception as error:  # third-party loaders raise anything on broken bytes
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise PerceptionError(
@@ -58,8 +68,8 @@ def read_cloud(path: Path) -> Floats:
 def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Floats:
     """Return the finite points (m, 3) of a cloud (n, 3) or (height, width, 3), metres.
 
-    Raises PerceptionError: another shape, less than `least` finite points, or a coordinate of more
-    than 1,000 km.
+    Raises PerceptionError: another shape, more points than the limit, less than `least` finite
+    points, or a coordinate of more than 1,000 km.
     """
     try:
         found = np.asarray(points, np.float64)
@@ -68,6 +78,7 @@ def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Fl
     if found.ndim not in (2, 3) or found.shape[-1] != 3:
         raise PerceptionError(f"{what} has shape {found.shape}: give (n, 3) or (height, width, 3)")
     found = found.reshape(-1, 3)
+    _refuse_large(len(found), what)
     finite = found[np.isfinite(found).all(axis=1)]
     if len(finite) < least:
         raise PerceptionError(
@@ -81,6 +92,13 @@ def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Fl
             "or of a building"
         )
     return finite
+
+
+def _refuse_large(points: int, what: str) -> None:
+    def refused(problem: str, fix: str) -> PerceptionError:
+        return PerceptionError(f"{what} {problem}. {fix}")
+
+    CLOUD_POINTS.check(points, refused, "Downsample it.")
 
 
 def voxel_downsample(points: Floats, size: float) -> Floats:

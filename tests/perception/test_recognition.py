@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from numpy.lib import format as npy
 
 from benchmarks.recognition import trial, ycb_meshes
 from semmap.draw.depth_camera import DepthCamera, look_at
@@ -126,3 +129,28 @@ def test_clouds_are_read_from_files(tmp_path: Path):
     for name, message in (("c.ply", "cannot be read"), ("d.npy", "shape"), ("e.ply", "not exist")):
         with pytest.raises(PerceptionError, match=message):
             read_cloud(tmp_path / name)
+
+
+def test_clouds_beyond_the_limit_are_refused_before_they_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sparse, ply = tmp_path / "sparse.npy", tmp_path / "many.ply"
+    with sparse.open("wb") as stream:
+        header = {"descr": "<f4", "fortran_order": False, "shape": (15_000_000, 3)}
+        npy.write_array_header_1_0(stream, header)
+        os.truncate(stream.fileno(), stream.tell() + 180_000_000)
+    coordinates = "".join(f"property float {axis}\n" for axis in "xyz")
+    head = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex 15000000\n{coordinates}end_header\n"
+    )
+    ply.write_text(head)
+    os.truncate(ply, len(head) + 180_000_000)
+    for file in (sparse, ply):
+        tracemalloc.start()
+        with pytest.raises(PerceptionError, match=r"15,000,000 points.*SEMMAP_MAX_CLOUD_POINTS"):
+            read_cloud(file)
+        assert tracemalloc.get_traced_memory()[1] < 2**20
+        tracemalloc.stop()
+    monkeypatch.setenv("SEMMAP_MAX_CLOUD_POINTS", "900")
+    with pytest.raises(PerceptionError, match="the cloud has 1,000 points"):
+        Scene(np.ones((1000, 3)))
