@@ -23,7 +23,7 @@ from navgrid.room_segments import wall_gaps, wall_heading
 from semmap.geometry.cell_outline import cell_outline
 from semmap.geometry.mesh import prism_mesh
 from semmap.ingest.world import Entry, Shape, StoreyDetail, World, WorldError
-from semmap.limits import EXTENT
+from semmap.limits import CONFIG_BYTES, EXTENT
 
 Cells = NDArray[np.bool_]
 
@@ -57,6 +57,9 @@ STRAIGHT = 0.5
 """Metres along a wall whose cells are straightened, where walls are turned from rows of cells."""
 
 _EIGHT = np.ones((3, 3), np.bool_)
+_KEYS = re.compile(rb"(?<![\w-])(image|resolution|levels)['\"]?\s*:")
+"""Keys of a map, and the one that each building.yaml has, in any style of YAML."""
+
 _ROW = np.array([[0, 0, 0], [1, 1, 1], [0, 0, 0]])
 
 
@@ -65,8 +68,8 @@ def is_map_file(path: Path) -> bool:
     if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
         return False
     with path.open("rb") as file:
-        head = file.read(4096)
-    return re.search(rb"^image:", head, re.MULTILINE) is not None and b"resolution:" in head
+        text = file.read(int(CONFIG_BYTES.value))
+    return {*_KEYS.findall(text)} == {b"image", b"resolution"}
 
 
 def read_explored_map(path: Path) -> World:

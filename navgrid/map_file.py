@@ -300,7 +300,7 @@ def _required(path: Path, fields: dict[str, Any], name: str) -> Any:
 
 def _float(path: Path, element: str, value: Any) -> float:
     try:
-        number = float(value)
+        number = math.nan if value is True and element != "negate" else float(value)
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):

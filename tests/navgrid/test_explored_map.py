@@ -174,3 +174,39 @@ def test_files_that_are_no_map_of_a_building_are_refused(tmp_path):
     building = tmp_path / "a.building.yaml"
     building.write_text("levels: {}\nname: a\n")
     assert not is_map_file(building)
+
+
+FLOW = "image: map.pgm, resolution: 1, origin: [0, 0, 0], negate: 0"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{{{FLOW}}}",
+        f"# a comment\n---\n!!map {{\n {FLOW}}}\n",
+        '{"image": "map.pgm", "resolution": 1, "origin": [0, 0, 0], "negate": 0}',
+        "? image\n: map.pgm\n? resolution\n: 1\n? origin\n: [0, 0, 0]\n? negate\n: no\n",
+        "a: &a\n  image: map.pgm\n  resolution: 1\n<<: *a\norigin: [0, 0, 0]\nnegate: 0\n",
+        f"{'# long' * 1000}\nimage : map.pgm\nresolution : 1\norigin : [0, 0, 0]\nnegate : 0\n",
+    ],
+)
+def test_a_map_in_any_style_of_yaml_is_imported(database, tmp_path, text):
+    shades = np.full((9, 9), 254, np.uint8)
+    shades[0] = shades[-1] = shades[:, 0] = shades[:, -1] = 0
+    Image.fromarray(shades).save(tmp_path / "map.pgm")
+    (tmp_path / "map.yaml").write_text(text)
+    with semmap.connect(database) as db:
+        assert db.import_file(tmp_path / "map.yaml", map="flow").kinds["storey"] == 1
+
+
+def test_a_building_with_an_image_is_not_a_map(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("lifts: {image: a.png, resolution: 1}\nlevels: {}\n")
+    assert not is_map_file(path)
+
+
+def test_a_resolution_that_is_true_is_refused(tmp_path):
+    path = tmp_path / "map.yaml"
+    path.write_text(FLOW.replace("1", "true").replace(", ", "\n", 2).replace(", neg", "\nneg"))
+    with pytest.raises(WorldError, match="resolution: is True"):
+        read_explored_map(path)
