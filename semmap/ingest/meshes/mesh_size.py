@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 from zipfile import ZipFile
 
 from defusedxml.ElementTree import iterparse
@@ -51,14 +51,22 @@ def _check_glb(path: Path) -> None:
         file.seek(12)
         length = int.from_bytes(file.read(4), "little")
         file.seek(20)
-        _check_accessors(json.loads(file.read(length)))
+        _check_document(path, json.loads(file.read(length)))
 
 
 def _check_gltf(path: Path) -> None:
-    document = json.loads(path.read_bytes())
-    uris = [str(b.get("uri", "")) for b in document.get("buffers", [])]
-    beside = [path.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
-    MESH_BYTES.check(sum(p.stat().st_size for p in beside if p.is_file()), MeshFileError, SIMPLER)
+    _check_document(path, json.loads(path.read_bytes()))
+
+
+def _check_document(path: Path, document: Mapping[str, Any]) -> None:
+    """Check what is loaded of glTF: files beside it as often as buffers name them, and views."""
+    uris = (str(buffer.get("uri", "")).strip() for buffer in document.get("buffers", []))
+    names = Counter(uri for uri in uris if uri and "base64," not in uri)
+    beside = ((path.parent / name, times) for name, times in names.items())
+    size = sum(times * file.stat().st_size for file, times in beside if file.is_file())
+    MESH_BYTES.check(size, MeshFileError, SIMPLER)
+    views = sum(view["byteLength"] for view in document.get("bufferViews", []))  # copies
+    MESH_BYTES.check(views, MeshFileError, SIMPLER, "has views of")
     _check_accessors(document)
 
 
@@ -143,7 +151,7 @@ def _check_3mf(path: Path) -> None:
     MESH_BYTES.check(referred, MeshFileError, SIMPLER)
     components["world"] = items
     PARTS.check(_placed(components), MeshFileError, SIMPLER)
-    TRIANGLES.check(_unfolded(components, triangles, "world"), MeshFileError, SIMPLER)
+    TRIANGLES.check(unfolded(components, triangles, "world"), MeshFileError, SIMPLER)
 
 
 def _check_dae(path: Path) -> None:
@@ -175,14 +183,14 @@ def _events(data: bytes) -> Iterator[tuple[str, Any]]:
 
 def _placed(parts: Mapping[str, Sequence[str]]) -> float:
     """Return the number of parts of the world."""
-    count = _unfolded(parts, dict.fromkeys(parts, 1), "world")
+    count = unfolded(parts, dict.fromkeys(parts, 1), "world")
     if math.isinf(count):
         raise MeshFileError("its parts contain each other", "Remove the cycle.")
     return count
 
 
-def _unfolded(parts: Mapping[str, Sequence[str]], weights: Mapping[str, int], root: str) -> float:
-    """The weight of all parts of a root, each as often as it is placed; inf in a cycle."""
+def unfolded(parts: Mapping[str, Sequence[str]], weights: Mapping[str, int], root: str) -> float:
+    """Return the weight of all parts of a root, each as often as it is placed; inf in a cycle."""
     whole: dict[str, float] = {}
     entered: set[str] = set()
     stack = [root]

@@ -47,11 +47,9 @@ def polygon_mesh(
     for count in np.unique(n[n >= 3]).tolist():
         faces = c[starts[n == count][:, None] + np.arange(count)]
         convex = np.ones(len(faces), bool) if count == 3 else _are_convex(p[faces])
-        fan = [
-            np.stack([faces[convex, 0], faces[convex, k], faces[convex, k + 1]], axis=1)
-            for k in range(1, count - 1)
-        ]
-        found.append(np.stack(fan, axis=1).reshape(-1, 3))
+        fans = faces[convex]
+        first = np.broadcast_to(fans[:, :1], fans[:, 2:].shape)
+        found.append(np.stack([first, fans[:, 1:-1], fans[:, 2:]], axis=2).reshape(-1, 3))
         found += [face[_ears(p[face])] for face in faces[~convex]]
     triangles = np.concatenate(found) if found else np.empty((0, 3), np.int64)
     if not len(triangles):
