@@ -89,10 +89,14 @@ CONFIG_BYTES = Limit(
 )
 MESH_BYTES = Limit("mesh_bytes", 512 * 2**20, "bytes", "a mesh file, unpacked")
 ELEMENTS = Limit(
-    "elements", 2_000_000, "values", "a YAML file, aliases unfolded; building.yaml may have none"
+    "elements",
+    2_000_000,
+    "values",
+    "a YAML file, aliases unfolded; lists and objects of JSON; elements of XML",
 )
 TRIANGLES = Limit("triangles", 20_000_000, "triangles", "a mesh file or model with all it nests")
 PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, nested ones included")
+PRIMS = Limit("prims", 250_000, "prims", "a USD stage, references and variants unfolded")
 NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists within each other")
 VERTICES = Limit("vertices", 50_000, "vertices", "the outline of a room, region or object")
 ENTRIES = Limit("entries", 1_000_000, "entries", "a world file")

@@ -9,7 +9,6 @@ those of a relationship; elevators on one another are cabins of one lift.
 from __future__ import annotations
 
 import itertools
-import json
 import zipfile
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -29,6 +28,7 @@ from semmap.ingest.annotation.feature_file import (
     into_metres,
     parse_json,
     read_collection,
+    read_json,
 )
 from semmap.ingest.annotation.level_ways import WAYS, leads_into, way_between, way_feature
 from semmap.ingest.georeference import WGS84
@@ -150,7 +150,7 @@ def _members(path: Path) -> Iterator[Any]:
             size = sum(info.file_size for info in infos)
             TEXT_BYTES.check(size, partial(WorldError, path, "file"), "Split it.")
             for info in infos:
-                yield json.loads(archive.read(info))
+                yield read_json(path, archive.read(info).decode("utf-8-sig"))
     except WorldError:
         raise
     except (

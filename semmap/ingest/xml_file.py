@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
@@ -12,6 +13,7 @@ from defusedxml.ElementTree import fromstring
 
 from semmap.ingest.text_file import read_bytes
 from semmap.ingest.world import WorldError
+from semmap.limits import ELEMENTS
 
 TOKEN = re.compile(
     rb"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)|<[^<>]*>?|[^<]+", re.DOTALL
@@ -30,6 +32,8 @@ QUOTED = re.compile(rb"\"[^\"]*\"|'[^']*'")
 def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
     """Return the root element of an XML file, one of `roots`; a WorldError refuses a DTD, too."""
     data = read_bytes(path)
+    elements = data.count(b"<") - data.count(b"</")
+    ELEMENTS.check(elements, partial(WorldError, path, "file"), "Split it into several files.")
     try:
         try:
             root: Element = fromstring(data, forbid_dtd=True)

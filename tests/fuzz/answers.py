@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
+import socket
+import threading
 import zipfile
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import cache, partial
 from pathlib import Path
 from random import Random
@@ -125,6 +128,73 @@ def serve(**settings: object) -> None:
     loft().fields.with_voxel_size(0.2).serve(seconds=0.01, **settings)
 
 
+LINES = b"""{"do": "hello", "map": "loft"}
+{"do": "query", "text": "SELECT * { ?a ?b ?c }"}
+{"do": "at", "point": [1, 2, 0.5]}
+{"do": "ls"}
+{"do": "percept", "name": "people", "percept": {"people": {"ann": {"x": 1.0, "y": 2.0}}}}
+{"do": "start", "name": "gaze", "percepts": "socket", "rate": 5}
+{"do": "watch", "seconds": 0.01}
+{"do": "stop", "name": "gaze"}
+"""
+
+
+def deep_line(random: Random, seed: bytes, others: Sequence[bytes]) -> bytes:
+    """Requests of which one is nested deeply, has a number of many digits, or has no end."""
+    lines = seed.splitlines(keepends=True)
+    at = random.randrange(len(lines))
+    depth = int(10 ** random.uniform(0, 5))
+    value = random.choice((b"[" * depth, b"[" * depth + b"]" * depth, b"9" * depth, b"-1e999"))
+    lines[at] = re.sub(
+        rb": [^{}]+?([,}])", rb": %b\1" % value, lines[at], count=random.randrange(3)
+    )
+    return b"".join(lines).removesuffix(random.choice((b"", b"\n", b'"}\n')))
+
+
+def run_lines(data: bytes, _: Path) -> None:
+    """Send lines to the service of fields; afterwards it answers another client."""
+    stop = threading.Event()
+
+    def talk(_: str, path: Path, __: list[str]) -> None:
+        for line in replies(path, data):
+            assert json.loads(line).keys() <= {"reply", "error"}
+        (hello,) = replies(path, b'{"do": "hello"}\n')
+        assert json.loads(hello)["reply"]["map"] == "loft"
+        stop.set()
+
+    fields = loft().fields.with_voxel_size(0.2)
+    fields.serve(sources=["people=socket"], stop=stop, started=talk)
+
+
+def replies(path: Path, data: bytes) -> list[bytes]:
+    """The lines that the service answers; it may follow events for ever."""
+    found = b""
+    with socket.socket(socket.AF_UNIX) as channel, suppress(TimeoutError, BrokenPipeError):
+        channel.settimeout(1)
+        channel.connect(str(path))
+        channel.sendall(data)
+        channel.shutdown(socket.SHUT_WR)
+        while more := channel.recv(2**16):
+            found += more
+    return found.splitlines()
+
+
+def percept_lines() -> list[bytes]:
+    """A recording of people."""
+    people = [{"ann": {"x": 0.1 * n, "y": 2, "yaw": 1}} for n in range(4)]
+    return [
+        b"".join(
+            json.dumps({"time": f"2026-01-31T12:00:0{n}Z", "people": each}).encode() + b"\n"
+            for n, each in enumerate(people)
+        )
+    ]
+
+
+def run_percepts(data: bytes, folder: Path) -> None:
+    (folder / "people.jsonl").write_bytes(data)
+    serve(sources=[f"people=recording:{folder}"])
+
+
 def run_settings(data: bytes, folder: Path) -> None:
     (folder / "settings.yaml").write_bytes(data)
     serve(config=folder / "settings.yaml")
@@ -192,6 +262,8 @@ ANSWER_KINDS = [
         run_standing,
     ),
     Kind("settings", lambda: [SETTINGS], [*TEXT, yaml_tree], run_settings),
+    Kind("fields socket", lambda: [LINES], [*TEXT, deep_line, deep_line], run_lines),
+    Kind("percepts", percept_lines, [*TEXT, deep_line], run_percepts),
     Kind("recording", recordings, [bytes_of], run_recording),
     Kind(
         "geopackage", partial(exported, ".gpkg"), [bytes_of, words_of], partial(run_import, ".gpkg")

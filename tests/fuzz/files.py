@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import struct
 import zipfile
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from PIL import Image
+from pxr import UsdUtils
 
 from navgrid.grid import Grid
 from navgrid.map_file import write_map
@@ -35,6 +37,7 @@ from semmap.ingest.ontology.tbox import read_tbox
 from semmap.ingest.world import World
 from semmap.robot import load_robot, robot_parts
 from tests.export.test_indoor_gml import THICK, file_of, transition
+from tests.fuzz.gltf import BIN, triangle
 from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import (
     Mutation,
@@ -66,6 +69,7 @@ from tests.ingest.test_indoor_formats import (
 from tests.planner.office import office
 from tests.planner.tasks.test_domain_file import TIDY, garden
 from tests.robot.robots import BY_HAND
+from tests.robot.test_srdf import SRDF
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "examples" / "office"
@@ -263,6 +267,29 @@ def glb_header(random: Random, seed: bytes, others: Sequence[bytes]) -> bytes:
     return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
 
 
+def gltf() -> Iterator[bytes]:
+    """A box whose buffers are data URIs; a triangle whose buffer is a file beside it."""
+    data = b"data:application/octet-stream;base64,"
+    found = solids()[0].scene().export(file_type="gltf")
+    text = found.pop("model.gltf")
+    for name, content in found.items():
+        text = text.replace(name.encode(), data + base64.b64encode(content))
+    yield text
+    yield json.dumps(triangle([{"byteLength": len(BIN), "uri": "data.bin"}])).encode()
+
+
+def run_gltf(data: bytes, folder: Path) -> None:
+    (folder / "data.bin").write_bytes(BIN)
+    run_world(".gltf", data, folder)
+
+
+def usdz() -> Iterator[bytes]:
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "kitchen.usdz")
+        UsdUtils.CreateNewUsdzPackage(str(stage(Path(folder), ending="usda")), str(path))
+        yield path.read_bytes()
+
+
 def zipped(random: Random, seed: bytes, others: Sequence[bytes]) -> bytes:
     """A 3MF or IMDF whose members are changed, then packed again."""
     made = BytesIO()
@@ -365,6 +392,12 @@ def run_urdf(data: bytes, folder: Path) -> None:
         assert np.isfinite([*part.interval, part.inscribed_radius, part.circumscribed_radius]).all()
 
 
+def run_srdf(data: bytes, folder: Path) -> None:
+    (folder / "robot.urdf").write_text(BY_HAND)
+    (folder / "robot.srdf").write_bytes(data)
+    loft().costmap(folder / "robot.urdf", posture="folded", resolution=0.2)
+
+
 def parts() -> Iterator[bytes]:
     yield b'base: [base_link, "whe?l"]\narm: [upper, "low*"]\n'
     yield (OFFICE / "delivery_robot_parts.yaml").read_bytes()
@@ -452,6 +485,8 @@ FILE_KINDS = [
     _world("off", ".off", partial(meshes, "off"), TEXT),
     _world("stl", ".stl", partial(meshes, "stl"), BINARY),
     _world("glb", ".glb", partial(meshes, "glb"), [glb_header, glb_header, bytes_of]),
+    Kind("gltf", lambda: list(gltf()), [*TEXT, *[json_tree] * 4], run_gltf),
+    _world("usdz", ".usdz", usdz, BINARY),
     _world("octomap", ".bt", partial(octomap, "bt"), BINARY),
     _world("octomap full", ".ot", partial(octomap, "ot"), BINARY),
     _world("3mf", ".3mf", partial(meshes, "3mf"), [zipped, zipped, bytes_of]),
@@ -464,6 +499,7 @@ FILE_KINDS = [
     ),
     Kind("tbox", lambda: list(tbox()), TEXT, run_tbox),
     Kind("urdf", lambda: list(urdf()), [*TEXT, xml_tree, xml_tree], run_urdf),
+    Kind("srdf", lambda: [SRDF.encode()], XML, run_srdf),
     Kind("parts", lambda: list(parts()), [*TEXT, yaml_tree], run_parts),
     Kind("policy", lambda: list(policy()), [*TEXT, yaml_tree], run_policy),
     Kind("rules", lambda: list(rules()), [*TEXT, yaml_tree], run_rules),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tests.fuzz.answers import ANSWER_KINDS
+from tests.fuzz.bombs import BOMB_KINDS
 from tests.fuzz.files import FILE_KINDS
 from tests.fuzz.kind import Kind
 from tests.fuzz.knowledge_files import KNOWLEDGE_FILE_KINDS
@@ -16,6 +17,7 @@ _ALL = (
     *LANGUAGE_KINDS,
     *STORED_KINDS,
     *ANSWER_KINDS,
+    *BOMB_KINDS,
     *NATIVE_KINDS,
 )
 KINDS: dict[str, Kind] = {kind.name: kind for kind in _ALL}

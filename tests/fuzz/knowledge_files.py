@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from functools import partial
 from io import BytesIO
@@ -11,13 +12,17 @@ import numpy as np
 import rdflib
 import trimesh
 
+from semmap.database.files import schema_folder
 from semmap.interlinking.data_set_file import read_csv_records, read_rdf_records
 from semmap.interlinking.link_file import read_alignment, read_labels
 from semmap.knowledge.whole_graph import without_warnings
+from tests.belief.test_teaching import MAP_XML, lesson
 from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import bytes_of, json_tree, lines_of, words_of, xml_tree
 from tests.fuzz.server import loft, undone
+from tests.fuzz.stored_knowledge import SECONDS
 from tests.interlinking.data_sets import alignment_xml, person1, rdf_xml
+from tests.knowledge.test_shacl import CUPS, HEAD
 
 
 def tabletop() -> np.ndarray:
@@ -102,6 +107,38 @@ def run_links(ending: str, data: bytes, folder: Path) -> None:
     (read_labels if ending == ".csv" else read_alignment)(path)
 
 
+def run_teaching(ending: str, data: bytes, folder: Path) -> None:
+    path = folder / f"case{ending}"
+    path.write_bytes(data)
+    with undone(loft().connection):
+        loft().teach(path)
+
+
+PATTERNS = '''
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+ex:Named a sh:NodeShape ; sh:targetClass semmap:Cup , semmap:Sofa ;
+    sh:property [ sh:path rdfs:label ; sh:pattern "^[a-z ]+[0-9]?$" ; sh:flags "i" ] ;
+    sh:property [ sh:path [ sh:zeroOrMorePath semmap:heldBy ] ; sh:nodeKind sh:IRI ] ;
+    sh:or ( [ sh:class semmap:Cup ] [ sh:not [ sh:class semmap:Room ] ] ) ;
+    sh:sparql [ sh:select """SELECT $this ?value { $this <urn:semmap:property#mass> ?value
+        FILTER(?value > 2) }""" ] .
+'''
+
+
+def shapes() -> list[bytes]:
+    domain = schema_folder() / "shapes" / "domain.ttl"
+    return [domain.read_bytes(), *((HEAD + text).encode() for text in (CUPS, PATTERNS))]
+
+
+def run_shapes(data: bytes, folder: Path) -> None:
+    path = folder / "case.ttl"
+    path.write_bytes(data)
+    loft().validate(path, seconds=SECONDS)
+    with undone(loft().connection):
+        loft().bind_shapes(path)
+        loft().update("INSERT DATA { :cup%201 <urn:semmap:property#mass> 1.5 }")
+
+
 TEXT = [words_of, words_of, bytes_of, lines_of]
 LINKS = b"left,right,same\na,b,yes\nc,d,no\n"
 
@@ -132,6 +169,24 @@ KNOWLEDGE_FILE_KINDS = [
             partial(run_records, ending),
         )
         for ending in (".csv", ".rdf")
+    ),
+    Kind(
+        "teaching json",
+        lambda: [json.dumps(lesson()).replace("kitchen", "studio").encode()],
+        [*TEXT, json_tree, json_tree],
+        partial(run_teaching, ".json"),
+    ),
+    Kind(
+        "teaching xml",
+        lambda: [MAP_XML.encode()],
+        [*TEXT, xml_tree, xml_tree],
+        partial(run_teaching, ".xml"),
+    ),
+    Kind(
+        "shapes",
+        shapes,
+        TEXT,
+        run_shapes,
     ),
     Kind("links csv", lambda: [LINKS], TEXT, partial(run_links, ".csv")),
     Kind(

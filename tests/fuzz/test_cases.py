@@ -9,6 +9,7 @@ import pytest
 
 from tests.conftest import MakeDatabase
 from tests.fuzz.answers import ANSWER_KINDS
+from tests.fuzz.bombs import BOMB_KINDS
 from tests.fuzz.cases import Case, kept
 from tests.fuzz.files import FILE_KINDS
 from tests.fuzz.kind import SERVER, Kind
@@ -45,7 +46,14 @@ def test_a_kept_case_ends_well(worker: Worker, case: Case) -> None:
 
 @pytest.mark.parametrize(
     "kind",
-    [*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS, *STORED_KINDS, *ANSWER_KINDS],
+    [
+        *FILE_KINDS,
+        *KNOWLEDGE_FILE_KINDS,
+        *LANGUAGE_KINDS,
+        *STORED_KINDS,
+        *ANSWER_KINDS,
+        *BOMB_KINDS,
+    ],
     ids=lambda kind: kind.name,
 )
 def test_a_valid_input_of_each_kind_is_accepted(kind: Kind, tmp_path: Path) -> None:

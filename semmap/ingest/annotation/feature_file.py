@@ -31,7 +31,7 @@ from semmap.ingest.georeference import (
 )
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import Refused, Skipped, WorldError
-from semmap.limits import EXTENT, NESTING, NO_CHARACTER, TEXT_BYTES, VERTICES
+from semmap.limits import ELEMENTS, EXTENT, NESTING, NO_CHARACTER, TEXT_BYTES, VERTICES
 
 ENDINGS = (".geojson", ".json", ".gpkg")
 
@@ -318,7 +318,7 @@ def read_collection(path: Path, root: Any) -> FeatureFile:
 def parse_json(path: Path) -> Any:
     """Return the content of a JSON file; a `WorldError` names the place of an error."""
     try:
-        return json.loads(read_text(path))
+        return read_json(path, read_text(path))
     except json.JSONDecodeError as error:
         where, problem = f"line {error.lineno}, column {error.colno}", f"is not JSON ({error.msg})"
         fix = "The file may be truncated: restore it, or fix the JSON at this place."
@@ -327,6 +327,13 @@ def parse_json(path: Path) -> Any:
         raise WorldError(path, "file", "is nested too deeply", "Give a GeoJSON file.") from error
     except ValueError as error:
         raise WorldError(path, "file", f"is not JSON ({error})", "Correct the number.") from error
+
+
+def read_json(path: Path, text: str) -> Any:
+    """Return the content of the text of a file; a list of three bytes takes 64 in memory."""
+    values = text.count("[") + text.count("{")
+    ELEMENTS.check(values, partial(WorldError, path, "file"), "Split it into several files.")
+    return json.loads(text)
 
 
 def _geojson_geometry(geometry: object) -> shapely.Geometry | None:

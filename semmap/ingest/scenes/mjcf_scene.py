@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
+from semmap.ingest.scenes.mjcf_size import check_size
 from semmap.ingest.scenes.scene_nodes import SceneNode, scene_world
 from semmap.ingest.scenes.solids import solid
 from semmap.ingest.sdf.elements import Unusable, leaving_out
 from semmap.ingest.sdf.models import Role
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.ingest.xml_file import read_xml
-from semmap.limits import NESTING, PARTS
 
 WORLD = 0
 """The body of the world itself: its geoms are objects, each of its own."""
@@ -38,7 +35,7 @@ def read_mjcf(path: Path, *, geometry: Role = "visual") -> World:
         The file is not MJCF, MuJoCo cannot compile it, or it has more than the limits allow.
     """
     root = read_xml(path, ("mujoco",))
-    PARTS.check(_count(root, path), partial(WorldError, path, "model"), "Split the scene.")
+    check_size(root, path)
     try:
         import mujoco
     except ImportError as error:
@@ -82,16 +79,6 @@ def read_mjcf(path: Path, *, geometry: Role = "visual") -> World:
     world = scene_world(path, nodes, name, skipped)
     world.notes += [f"MuJoCo warns: {' '.join(text.split())}" for text in warnings]
     return world
-
-
-def _count(element: Element, path: Path, depth: int = 0) -> int:
-    """Return how many elements there are once all repetitions are written out."""
-    NESTING.check(depth, partial(WorldError, path, f"<{element.tag}>"), "Nest it less deeply.")
-    times = 1
-    if element.tag in ("replicate", "composite", "flexcomp"):
-        given = [word for word in element.get("count", "1").split() if word.isdecimal()]
-        times = math.prod(int(word[:9]) for word in given)
-    return times * (1 + sum(_count(inner, path, depth + 1) for inner in element))
 
 
 def _shown(model: Any, geometry: Role) -> Iterator[int]:

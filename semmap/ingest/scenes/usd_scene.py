@@ -25,10 +25,11 @@ from semmap.ingest.naming import guess_type, words
 from semmap.ingest.scenes.polygon_mesh import polygon_mesh
 from semmap.ingest.scenes.scene_nodes import SceneNode, rigid_pose, scene_world
 from semmap.ingest.scenes.solids import solid
+from semmap.ingest.scenes.usd_size import stage_size
 from semmap.ingest.sdf.elements import Unusable, leaving_out
 from semmap.ingest.sdf.models import Role
 from semmap.ingest.world import Skipped, World, WorldError
-from semmap.limits import EXTENT, MESH_BYTES, NESTING, PARTS, TRIANGLES
+from semmap.limits import EXTENT, MESH_BYTES, NESTING, PARTS, PRIMS, TRIANGLES
 
 AXES = {
     "X": np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
@@ -78,10 +79,16 @@ def read_usd(path: Path, *, geometry: Role = "visual") -> World:
 
 
 def _opened(path: Path) -> Any:
-    from pxr import Usd
+    from pxr import Sdf, Usd
 
     try:
+        size = stage_size(Sdf.Layer.FindOrOpen(str(path)))
+        if math.isinf(size):
+            raise WorldError(path, "file", "its prims contain each other", "Remove the cycle.")
+        PRIMS.check(size, partial(WorldError, path, "file"), "Split the stage.")
         return Usd.Stage.Open(str(path))
+    except WorldError:
+        raise
     except Exception as error:  # Tf.ErrorException has all messages of the parser
         problem = f"is not a stage of USD ({' '.join(str(error).split())[:200]})"
         fix = "The file may be truncated: export it again."
