@@ -25,6 +25,7 @@ from semmap.ingest.naming import guess_type, words
 from semmap.ingest.scenes.polygon_mesh import polygon_mesh
 from semmap.ingest.scenes.scene_nodes import SceneNode, rigid_pose, scene_world
 from semmap.ingest.scenes.solids import solid
+from semmap.ingest.scenes.usd_crate import check_crates
 from semmap.ingest.scenes.usd_size import stage_size
 from semmap.ingest.sdf.elements import Unusable, leaving_out
 from semmap.ingest.sdf.models import Role
@@ -59,7 +60,7 @@ def read_usd(path: Path, *, geometry: Role = "visual") -> World:
     refused = partial(WorldError, path, "file")
     MESH_BYTES.check(path.stat().st_size, refused, "Split it into several files.")
     try:
-        from pxr import UsdGeom
+        from pxr import Tf, UsdGeom
     except ImportError as error:
         fix = "Install the extra: pip install 'semmap[usd]'."
         raise WorldError(path, "file", f"needs {error.name}", fix) from error
@@ -70,6 +71,8 @@ def read_usd(path: Path, *, geometry: Role = "visual") -> World:
             nodes = _UsdScene(path, stage, geometry, skipped).nodes()
     except UnicodeDecodeError as error:  # of a name, or of a message that quotes one
         raise WorldError(path, "file", "is not UTF-8", "Save it as UTF-8.") from error
+    except Tf.ErrorException as error:  # a value of another type than its name says
+        raise _not_a_stage(path, error) from error
     world = scene_world(path, nodes, skipped=skipped)
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
         world.notes.append(
@@ -81,6 +84,7 @@ def read_usd(path: Path, *, geometry: Role = "visual") -> World:
 def _opened(path: Path) -> Any:
     from pxr import Sdf, Usd
 
+    check_crates(path, partial(WorldError, path, "file"))
     try:
         size = stage_size(Sdf.Layer.FindOrOpen(str(path)))
         if math.isinf(size):
@@ -90,9 +94,12 @@ def _opened(path: Path) -> Any:
     except WorldError:
         raise
     except Exception as error:  # Tf.ErrorException has all messages of the parser
-        problem = f"is not a stage of USD ({' '.join(str(error).split())[:200]})"
-        fix = "The file may be truncated: export it again."
-        raise WorldError(path, "file", problem, fix) from error
+        raise _not_a_stage(path, error) from error
+
+
+def _not_a_stage(path: Path, error: Exception) -> WorldError:
+    problem = f"is not a stage of USD ({' '.join(str(error).split())[:200]})"
+    return WorldError(path, "file", problem, "The file may be truncated: export it again.")
 
 
 @contextmanager

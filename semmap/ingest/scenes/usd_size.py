@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from semmap.ingest.meshes.mesh_size import unfolded
+from semmap.ingest.scenes.usd_crate import check_crates
+from semmap.ingest.world import WorldError
 
 ARCS = ("referenceList", "payloadList", "inheritPathList", "specializesList")
 """The lists of a prim with others whose content it gets."""
@@ -56,6 +60,8 @@ def _opened(layer: Any, asset: str) -> Any:
     """Return the layer that another one names; None where there is none."""
     from pxr import Sdf, Tf
 
+    file = Path(layer.ComputeAbsolutePath(asset).partition("[")[0])
+    check_crates(file, partial(WorldError, file, "file"))
     try:
         return Sdf.Layer.FindOrOpenRelativeToLayer(layer, asset)
     except Tf.ErrorException:  # USD reports it, and reads the stage without
