@@ -80,6 +80,7 @@ def _read_las(path: Path, check: Check) -> tuple[Points, Any]:
         check(file.header.point_count)
         if file.header.are_points_compressed:
             _check_chunks(path, file.header.offset_to_point_data, file.header.point_count)
+            _check_chunk_size(file.header)
         crs = file.header.parse_crs()
         return _all(np.asarray(file.read().xyz, float), file.header.point_count), crs
 
@@ -116,6 +117,21 @@ def _check_chunks(path: Path, start: int, points: int) -> None:
         _, chunks = struct.unpack("<II", file.read(8))
     if chunks > points:
         raise ValueError(f"{chunks} chunks of {points} points")
+
+
+def _check_chunk_size(header: Any) -> None:
+    """Refuse chunks that are larger than a mesh file: the reader makes room for one of them.
+
+    LAZ: the size is at byte 12 of its record; the highest number means that sizes vary.
+    """
+    (packing,) = (v for v in header.vlrs if v.record_id == 22204)
+    (points,) = struct.unpack_from("<I", packing.record_data_bytes(), 12)
+    if points != 2**32 - 1:
+        MESH_BYTES.check(points * header.point_format.size, _damaged, FEWER, "its chunks have")
+
+
+def _damaged(problem: str, fix: str) -> ValueError:
+    return ValueError(f"{problem}. {fix}")
 
 
 def _read_pcd(path: Path, check: Check) -> tuple[Points, None]:
