@@ -17,6 +17,7 @@ from typing import Any
 
 from semmap.fields.service.percept_json import Percept, read_percept, read_time
 from semmap.fields.sources.manager import EndOfPercepts
+from semmap.limits import TEXT_BYTES
 
 GROUP = "semmap.percepts"
 """The group of entry points for feeds in packages: a class or function that makes a feed."""
@@ -157,7 +158,12 @@ def make_feed(
 
 
 def _read_lines(path: Path) -> list[tuple[datetime, Any]]:
-    lines = []
+    lines: list[tuple[datetime, Any]] = []
+    TEXT_BYTES.check(
+        path.stat().st_size,
+        lambda problem, fix: ValueError(f"{path}: {problem}. {fix}"),
+        "Split the recording.",
+    )
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         if line.strip():
             try:
@@ -165,7 +171,7 @@ def _read_lines(path: Path) -> list[tuple[datetime, Any]]:
                 if "time" not in percept:
                     raise ValueError("the percept has no time")
                 lines.append((read_time(percept), percept))
-            except (ValueError, TypeError) as error:
+            except (ValueError, TypeError, RecursionError) as error:
                 raise ValueError(f"{path}, line {number}: {error}") from None
             if len(lines) > 1 and lines[-1][0] < lines[-2][0]:
                 raise ValueError(f"{path}, line {number}: earlier than the line before: sort them")
