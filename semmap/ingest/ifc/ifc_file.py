@@ -205,13 +205,15 @@ def _is_faceted(element: Any) -> bool:
     """Whether the body of an element is given by its flat faces."""
     bodies = [
         each
-        for each in element.Representation.Representations
+        for each in element.Representation.Representations or ()
         if each.RepresentationIdentifier == "Body"
     ]
-    items = [item for body in bodies for item in body.Items]
+    items = [item for body in bodies for item in body.Items or ()]
+    mapped = set()
     for item in items:
-        if item.is_a("IfcMappedItem"):
-            items += item.MappingSource.MappedRepresentation.Items
+        if item.is_a("IfcMappedItem") and item.MappingSource.id() not in mapped:
+            mapped.add(item.MappingSource.id())
+            items += item.MappingSource.MappedRepresentation.Items or ()
     return bool(items) and all(any(map(item.is_a, (*FACETED, "IfcMappedItem"))) for item in items)
 
 

@@ -43,7 +43,9 @@ def read_point_cloud(
     except ImportError as error:
         fix = "Install the extra: pip install 'semmap[clouds]'."
         raise WorldError(path, "file", f"needs {error.name}", fix) from error
-    except Exception as error:  # readers of broken bytes raise anything
+    except BaseException as error:  # readers of broken bytes raise anything, and that of LAZ panics
+        if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
+            raise
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         fix = "The file may be truncated or of another format: export it again."
         raise WorldError(path, "file", f"cannot be read ({reason})", fix) from error
