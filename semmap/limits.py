@@ -121,6 +121,15 @@ QUERY_WORDS = Limit("query_words", 2_500, "words", "a query, marks and numbers c
 QUERY_ROWS = Limit("query_rows", 2**24, "rows", "solutions of a query, or a part of one")
 QUERY_SECONDS = Limit("query_seconds", 60, "s", "evaluating a query")
 REGEX_SECONDS = Limit("regex_seconds", 1, "s", "matching one name in REGEX of a query on fields")
+REQUEST_BYTES = Limit(
+    "request_bytes", 256 * 2**20, "bytes", "a request to a service of fields: an image with labels"
+)
+REQUEST_SECONDS = Limit(
+    "request_seconds", 60, "s", "until a request of more than 1 MiB to that service has its end"
+)
+BUNDLE_AHEAD = Limit(
+    "bundle_ahead", 86_400, "s", "the time of a bundle of manipulation knowledge, after the clock"
+)
 
 LIMITS = tuple(each for each in list(vars().values()) if isinstance(each, Limit))
 """All limits, in the order of the documentation."""

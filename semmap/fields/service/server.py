@@ -11,14 +11,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-LONGEST = 256 * 2**20
-"""The most bytes of a request: an image of 20 megapixels with its labels."""
+from semmap.limits import REQUEST_BYTES, REQUEST_SECONDS
 
 SHORT = 2**20
 """Bytes of a request that is read beside others."""
-
-PATIENCE = 60.0
-"""Seconds that a longer request may take to arrive: an unfinished one holds others up."""
 
 Answer = Callable[[dict[str, Any]], Iterator[Any]]
 """Yields the replies to a request; mostly one."""
@@ -34,16 +30,19 @@ class _Handler(socketserver.StreamRequestHandler):
                     self.wfile.write(json.dumps(reply).encode() + b"\n")
 
     def _line(self) -> bytes:
-        """The next request; a long one waits for others, and for its rest at most `PATIENCE`."""
+        """The next request; a long one waits for others, and not long for its rest."""
         line: bytes = self.rfile.readline(SHORT)
         if len(line) < SHORT or line.endswith(b"\n"):
             return line
         with self.server.one_long_request:
-            self.connection.settimeout(PATIENCE)  # it ends the connection
-            pieces, ends = [line], time.monotonic() + PATIENCE
+            seconds = REQUEST_SECONDS.value
+            self.connection.settimeout(seconds)  # it ends the connection
+            pieces, ends = [line], time.monotonic() + seconds
             while not pieces[-1].endswith(b"\n"):
                 pieces.append(self.rfile.readline(SHORT))
-                if not pieces[-1] or len(pieces) * SHORT > LONGEST or time.monotonic() > ends:
+                if REQUEST_BYTES.exceeded_by(len(pieces) * SHORT) or time.monotonic() > ends:
+                    return b""
+                if not pieces[-1]:
                     return b""
             self.connection.settimeout(None)
             return b"".join(pieces)

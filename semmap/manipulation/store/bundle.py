@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ import psycopg
 from psycopg.rows import dict_row
 
 from semmap.belief.store.beliefs import Session
-from semmap.limits import TEXT_BYTES
+from semmap.limits import BUNDLE_AHEAD, TEXT_BYTES
 from semmap.manipulation.action_record import ActionRecord, action_key, pose_of
 from semmap.manipulation.bundle_entry import check_entry
 from semmap.manipulation.error import ManipulationError
@@ -34,9 +34,6 @@ FORMAT = "semmap manipulation knowledge"
 
 VERSION = 1
 """Of the format; other versions are refused."""
-
-AHEAD = timedelta(days=1)
-"""By which the clock of another machine may be fast: later bundles must not be older."""
 
 RESERVED = ("own", "simulation", "assumed")
 
@@ -210,7 +207,7 @@ def _checked_lines(
         ahead = at - datetime.now(UTC)
     except (KeyError, ValueError, TypeError) as problem:  # a time without a zone is of another type
         raise error("its header has no time with a zone", "export it again") from problem
-    if ahead > AHEAD:
+    if BUNDLE_AHEAD.exceeded_by(ahead.total_seconds()):  # later ones must not be older
         raise error(f"was made in the future, at {at}", "set the clock of the machine it is from")
     if known[2] is not None and at < known[2]:
         raise error(

@@ -20,8 +20,8 @@ from semmap.fields.service.server import serving
 
 @pytest.fixture
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    monkeypatch.setattr(server, "PATIENCE", 1.0)
-    monkeypatch.setattr(server, "LONGEST", 2**22)
+    monkeypatch.setenv("SEMMAP_MAX_REQUEST_SECONDS", "1")
+    monkeypatch.setenv("SEMMAP_MAX_REQUEST_BYTES", "4194304")
 
     def answer(request: dict[str, Any]) -> Iterator[Any]:
         yield len(request["text"])
@@ -50,7 +50,7 @@ def test_long_requests_are_answered(path: Path) -> None:
 
 def test_a_line_beyond_the_limit_ends_its_connection(path: Path) -> None:
     with client(path) as one, pytest.raises(OSError):  # noqa: PT011
-        one.sendall(bytes(16 * server.LONGEST))
+        one.sendall(bytes(2**26))
     assert asked(path, 5) == {"reply": 5}
 
 
