@@ -120,7 +120,9 @@ QUERY_CHARACTERS = Limit("query_characters", 1_000_000, "characters", "a query")
 QUERY_WORDS = Limit("query_words", 2_500, "words", "a query, marks and numbers counted")
 QUERY_ROWS = Limit("query_rows", 2**24, "rows", "solutions of a query, or a part of one")
 QUERY_SECONDS = Limit("query_seconds", 60, "s", "evaluating a query")
-REGEX_SECONDS = Limit("regex_seconds", 1, "s", "matching one name in REGEX of a query on fields")
+REGEX_SECONDS = Limit(
+    "regex_seconds", 1, "s", "matching one name in REGEX of a query on fields, or in sh:pattern"
+)
 REQUEST_BYTES = Limit(
     "request_bytes", 256 * 2**20, "bytes", "a request to a service of fields: an image with labels"
 )

@@ -21,8 +21,10 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import limited_view
 from semmap.knowledge.results import shown
 from semmap.knowledge.sparql.kept_queries import Session
+from semmap.knowledge.timed_patterns import TimedPatterns
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
+from semmap.limits import REGEX_SECONDS
 
 MANY = 2_000  # from so many nodes on, the whole map is validated
 _ENDS = (SH.targetSubjectsOf, SH.targetObjectsOf, SH.equals, SH.disjoint, SH.lessThan)
@@ -244,10 +246,12 @@ def _conforms(
     """Return the report of SHACL; check the shapes by those of SHACL itself."""
     try:
         import pyshacl
+        from pyshacl.constraints.core import string_based_constraints
     except ModuleNotFoundError as error:
         raise ValueError(
             f"{error.name} is not installed: pip install 'semmap[knowledge]'"
         ) from None
+    vars(string_based_constraints)["re"] = TimedPatterns
     try:
         with without_warnings():
             _, report, text = pyshacl.validate(
@@ -259,6 +263,10 @@ def _conforms(
                 meta_shacl=check,
                 focus_nodes=None if focus is None else list(focus),
             )
+    except TimeoutError as error:
+        problem = f"takes longer than {REGEX_SECONDS.value:g} s for one value"
+        fix = f"Do not nest repetitions. {REGEX_SECONDS.variable} raises the limit."
+        raise WorldError(path, "sh:pattern", problem, fix) from error
     except Exception as error:  # pyshacl raises anything on malformed shapes
         raise WorldError(
             path, "shape", f"is malformed: {str(error).strip()[:300]}", "See the SHACL standard."

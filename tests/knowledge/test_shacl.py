@@ -144,6 +144,16 @@ def test_malformed_shapes_are_refused(tmp_path: Path, text: str, reason_: str) -
         read_shapes(written(tmp_path, text))
 
 
+def test_a_pattern_that_takes_too_long_is_refused(
+    changing: psycopg.Connection, tmp_path: Path
+) -> None:
+    update(changing, EX + f"INSERT DATA {{ :table ex:code '{'a' * 40}b' }}")
+    text = "ex:A a sh:NodeShape ; sh:targetSubjectsOf ex:code ; sh:property ex:P ."
+    path = written(tmp_path, text + 'ex:P sh:path ex:code ; sh:pattern "^(a|aa)+$" .')
+    with pytest.raises(WorldError, match=r"sh:pattern: takes longer than 1 s .*Do not nest"):
+        validate(changing, [read_shapes(path)])
+
+
 CHANGES = (
     ":cup%201 prop:mass 3",
     ":cup%201 prop:mass 1",
