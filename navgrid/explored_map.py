@@ -23,7 +23,7 @@ from navgrid.room_segments import wall_gaps, wall_heading
 from semmap.geometry.cell_outline import cell_outline
 from semmap.geometry.mesh import prism_mesh
 from semmap.ingest.world import Entry, Shape, StoreyDetail, World, WorldError
-from semmap.limits import CONFIG_BYTES, EXTENT
+from semmap.limits import CONFIG_BYTES, EXTENT, MAP_EDGES
 
 Cells = NDArray[np.bool_]
 
@@ -98,6 +98,8 @@ def read_explored_map(path: Path) -> World:
     near = unknown & ndimage.binary_dilation(
         cells == FREE, _EIGHT, iterations=max(1, round(BORDER / grid.resolution))
     )
+    edges = sum(np.count_nonzero(np.diff(occupied | near, axis=axis)) for axis in (0, 1))
+    MAP_EDGES.check(edges, refused, "Remove single cells from the image.")
     leaves = door_leaves(occupied | near, grid.resolution)
     walls = _walls((occupied | near) & ~leaves, unknown, grid)
     y, x = np.nonzero(occupied)

@@ -106,6 +106,9 @@ SURFACE_TRIANGLES = Limit(
     "surface_triangles", 300_000, "triangles", "a model in which support surfaces are looked for"
 )
 PIXELS = Limit("pixels", 2**26, "pixels", "the image of an occupancy grid")
+MAP_EDGES = Limit(
+    "map_edges", 250_000, "edges", "of occupied cells, in an occupancy grid that is imported"
+)
 ARRAY_VALUES = Limit("array_values", 2**26, "values", "an array of a NumPy file")
 CLOUD_POINTS = Limit("cloud_points", 5_000_000, "points", "a point cloud of a camera")
 UNPACKED = Limit("unpacked", 100, "times its size", "a recording (MCAP), unpacked")

@@ -15,6 +15,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from tests.fuzz.answers import NAMES, house_of
 from tests.fuzz.gltf import BIN, triangle
@@ -270,6 +271,16 @@ def gpkg_view(folder: Path, size: int) -> Path:
     return made
 
 
+def map_cells(folder: Path, size: int) -> Path:
+    """A picture of cells that touch at corners alone; it is packed well."""
+    side = int(math.sqrt(size)) + 2
+    cells = np.full((side, side), 254, np.uint8)
+    cells[::2, ::2] = 0
+    Image.fromarray(cells).save(folder / "map.png")
+    text = "image: map.png\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
+    return write(folder, ".yaml", text)
+
+
 def ply_count(folder: Path, size: int) -> Path:
     axes = "".join(f"property float {axis}\n" for axis in "xyz")
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {size}\n{axes}"
@@ -278,7 +289,7 @@ def ply_count(folder: Path, size: int) -> Path:
 
 
 def obj_polygon(folder: Path, size: int) -> Path:
-    size = min(size, 100_000)
+    size = min(size, 30_000)
     return write(folder, ".obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf " + "1 2 3 " * size + "\n")
 
 
@@ -332,6 +343,7 @@ BOMBS: dict[str, Callable[[Path, int], Path]] = {
     "sdf itself": sdf_itself,
     "sdf doubling": sdf_doubling,
     "gpkg view": gpkg_view,
+    "map cells": map_cells,
     "ply count": ply_count,
     "obj polygon": obj_polygon,
     "off count": off_count,

@@ -19,6 +19,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
+from semmap.finite_number import is_finite_number
 from semmap.geometry.extent import extent
 from semmap.ingest.georeference import (
     WGS84,
@@ -405,7 +406,7 @@ def _read_georeference(given: object, out: FeatureFile) -> None:
         if not isinstance(given, dict) or set(given) != set(GEOREFERENCE):
             raise Refused("is not complete", f"Give the numbers {', '.join(GEOREFERENCE)}.")
         for key, value in given.items():
-            if not isinstance(value, int | float) or not abs(value) <= EARTH:
+            if not is_finite_number(value) or abs(value) > EARTH:
                 raise Refused(f"{key} is {value!r}", "Give a number.")
         try:
             out.georeference = on_true_scale(given)
