@@ -98,7 +98,7 @@ def read_explored_map(path: Path) -> World:
     near = unknown & ndimage.binary_dilation(
         cells == FREE, _EIGHT, iterations=max(1, round(BORDER / grid.resolution))
     )
-    edges = sum(np.count_nonzero(np.diff(occupied | near, axis=axis)) for axis in (0, 1))
+    edges = sum(int(np.diff(occupied | near, axis=axis).sum()) for axis in (0, 1))
     MAP_EDGES.check(edges, refused, "Remove single cells from the image.")
     leaves = door_leaves(occupied | near, grid.resolution)
     walls = _walls((occupied | near) & ~leaves, unknown, grid)
