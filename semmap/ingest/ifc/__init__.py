@@ -10,7 +10,7 @@ from semmap.ingest.ifc.doors import add_doors, add_openings
 from semmap.ingest.ifc.georeference import georeference_of
 from semmap.ingest.ifc.ifc_file import IfcFile
 from semmap.ingest.ifc.stairs import add_stairs
-from semmap.ingest.world import World
+from semmap.ingest.world import World, WorldError
 
 
 def read_ifc(
@@ -27,13 +27,18 @@ def read_ifc(
     WorldError
         The file cannot be read, is truncated, or exceeds the limits.
     """
-    building = IfcBuilding(IfcFile(path, progress))
-    building.out.georeference = georeference_of(building)
-    building.add_storeys()
-    building.add_lifts()
-    building.add_spaces()
-    add_doors(building)
-    add_openings(building)
-    add_stairs(building)
-    building.add_elements()
-    return building.out
+    try:
+        building = IfcBuilding(IfcFile(path, progress))
+        building.out.georeference = georeference_of(building)
+        building.add_storeys()
+        building.add_lifts()
+        building.add_spaces()
+        add_doors(building)
+        add_openings(building)
+        add_stairs(building)
+        building.add_elements()
+        return building.out
+    except (AttributeError, IndexError, KeyError, TypeError) as error:
+        # IfcOpenShell gives what the file says, also where the schema demands something else
+        problem = f"has an entity that is not of its schema ({' '.join(str(error).split())[:160]})"
+        raise WorldError(path, "file", problem, "Export the building again.") from error
