@@ -122,7 +122,8 @@ CREATE POLICY robot_replans ON mission_step FOR DELETE TO semmap_robot
     USING (is_own_mission(mission_id) AND state = 'planned');
 CREATE POLICY robot_claims ON reservation FOR INSERT TO semmap_robot WITH CHECK (is_own_robot(robot_id));
 CREATE POLICY robot_renews ON reservation FOR UPDATE TO semmap_robot
-    USING (is_own_robot(robot_id) OR expires < clock_timestamp()) WITH CHECK (is_own_robot(robot_id));
+    USING (is_own_robot(robot_id) OR expires NOT BETWEEN clock_timestamp() AND clock_timestamp() + interval '1 hour')
+    WITH CHECK (is_own_robot(robot_id));
 CREATE POLICY robot_releases ON reservation FOR DELETE TO semmap_robot USING (is_own_robot(robot_id));
 
 -- An admin may do all of this, and change the T-Box and the building; of the views, it writes only those with triggers.

@@ -47,6 +47,31 @@ END $$;
 CREATE CONSTRAINT TRIGGER change_announced AFTER INSERT ON change
     DEFERRABLE INITIALLY DEFERRED FOR EACH ROW EXECUTE FUNCTION announce();
 
+CREATE FUNCTION next_version(since timestamptz)
+RETURNS timestamptz LANGUAGE sql STABLE
+BEGIN ATOMIC
+-- When the version begins that follows the one since `since`: after it, even if its transaction began earlier. If that is
+-- in the future, the server's clock was set back: now.
+SELECT CASE WHEN since > clock_timestamp() THEN clock_timestamp()
+            ELSE greatest(statement_timestamp(), since + interval '1 microsecond') END;
+END;
+
+CREATE FUNCTION former_span(history regclass, thing bigint, since timestamptz, ends timestamptz)
+RETURNS tstzrange LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
+-- The time of a former version. If it began after its end, the clock was set back: it has the last microsecond, and the
+-- moments that come again are removed from the history.
+DECLARE
+    begins timestamptz := ends - interval '1 microsecond';
+BEGIN
+    IF since < ends THEN
+        RETURN tstzrange(since, ends);
+    END IF;
+    EXECUTE format('DELETE FROM %s WHERE entity_id = $1 AND lower(during) >= $2', history) USING thing, begins;
+    EXECUTE format('UPDATE %s SET during = tstzrange(lower(during), $2) WHERE entity_id = $1 AND upper(during) > $2', history)
+        USING thing, begins;
+    RETURN tstzrange(begins, ends);
+END $$;
+
 CREATE FUNCTION change_cursor()
 RETURNS text LANGUAGE sql STABLE
 BEGIN ATOMIC

@@ -3,9 +3,8 @@
 
 CREATE FUNCTION entity_stamp()
 RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
--- Each version begins after the previous one, even if its transaction began earlier.
 BEGIN
-    NEW.since := greatest(statement_timestamp(), OLD.since + interval '1 microsecond');
+    NEW.since := semmap.next_version(OLD.since);
     RETURN NEW;
 END $$;
 
@@ -60,7 +59,8 @@ BEGIN
             USING ERRCODE = 'check_violation', HINT = 'Delete it and make a new one.';
     END IF;
     INSERT INTO semmap.entity_history (entity_id, map_id, kind, name, label, type, properties, front, during)
-        SELECT o.id, o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front, tstzrange(o.since, n.since)
+        SELECT o.id, o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front,
+               semmap.former_span('semmap.entity_history', o.id, o.since, n.since)
         FROM former o FULL JOIN fresh n USING (id)
         WHERE (o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front)
               IS DISTINCT FROM (n.map_id, n.kind, n.name, n.label, n.type, n.properties, n.front);
@@ -92,7 +92,7 @@ BEGIN
     DELETE FROM semmap.object_type t USING former o WHERE t.id = o.id;
     INSERT INTO semmap.entity_history (entity_id, map_id, kind, name, label, type, properties, front, during, ended)
         SELECT id, map_id, kind, name, label, type, properties, front,
-               tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond')), true
+               semmap.former_span('semmap.entity_history', id, since, semmap.next_version(since)), true
         FROM former;
     INSERT INTO semmap.change (map_id, what, entities, facts)
         SELECT o.map_id, 'removed', array_agg(o.id ORDER BY o.id), jsonb_build_object('poses', jsonb_agg(

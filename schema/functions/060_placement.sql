@@ -224,9 +224,9 @@ END $$;
 
 CREATE FUNCTION placement_stamp()
 RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
--- Each version begins after the previous one. A changed holder counts as stated, unless it is derived.
+-- A changed holder counts as stated, unless it is derived.
 BEGIN
-    NEW.since := greatest(statement_timestamp(), OLD.since + interval '1 microsecond');
+    NEW.since := semmap.next_version(OLD.since);
     IF NEW.holder_id IS DISTINCT FROM OLD.holder_id AND NEW.confidence = OLD.confidence
        AND (coalesce(current_setting('semmap.deriving', true), '') = '' OR NOT semmap.is_trusted()) THEN
         NEW.confidence := NULL;
@@ -285,7 +285,7 @@ BEGIN
     ), prolonged AS (
         UPDATE semmap.placement_history h SET during = tstzrange(lower(h.during), v.until)
         FROM version v
-        WHERE v.keep_every IS NOT NULL AND h.entity_id = v.entity_id
+        WHERE v.keep_every IS NOT NULL AND v.until > v.since AND h.entity_id = v.entity_id
           AND lower(h.during) > v.since - v.keep_every AND upper(h.during) = v.since
         RETURNING h.entity_id
     ), expired AS (
@@ -293,7 +293,8 @@ BEGIN
         WHERE h.entity_id = v.entity_id AND lower(h.during) < now() - r.keep_for AND upper(h.during) < now() - r.keep_for
     )
     INSERT INTO semmap.placement_history (entity_id, holder_id, pose, relation, confidence, during, reason)
-        SELECT entity_id, holder_id, pose, relation, confidence, tstzrange(since, until),
+        SELECT entity_id, holder_id, pose, relation, confidence,
+               semmap.former_span('semmap.placement_history', entity_id, since, until),
                CASE WHEN deriving THEN CASE WHEN confidence IS NULL AND holder_id IS NOT NULL
                                             THEN 'the geometry contradicted the stated holder'
                                             ELSE 'the geometry showed another holder' END END
@@ -363,7 +364,7 @@ RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publ
 BEGIN
     INSERT INTO semmap.placement_history (entity_id, holder_id, pose, relation, confidence, during)
         SELECT entity_id, holder_id, pose, relation, confidence,
-               tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond'))
+               semmap.former_span('semmap.placement_history', entity_id, since, semmap.next_version(since))
         FROM former;
     PERFORM semmap.record_moves(
         (SELECT jsonb_agg(jsonb_build_array(entity_id, semmap.pose_below(holder_id, pose), NULL, holder_id)) FROM former),

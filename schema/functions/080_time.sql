@@ -68,7 +68,7 @@ RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publi
 DECLARE
     n bigint;
 BEGIN
-    DELETE FROM semmap.change c USING (SELECT id FROM semmap.change ORDER BY id LIMIT most) oldest
+    DELETE FROM semmap.change c USING (SELECT id FROM semmap.change WHERE at <= now() ORDER BY id LIMIT most) oldest
         WHERE c.id = oldest.id AND c.at < now() - (SELECT keep_for FROM semmap.retention WHERE kind = 'change');
     GET DIAGNOSTICS n = ROW_COUNT;
     RETURN n;
@@ -82,7 +82,7 @@ DECLARE
     n bigint;
 BEGIN
     DELETE FROM semmap.observation o
-        USING (SELECT id FROM semmap.observation WHERE observer_id IS NOT NULL ORDER BY id LIMIT most) oldest
+        USING (SELECT id FROM semmap.observation WHERE observer_id IS NOT NULL AND at <= now() ORDER BY id LIMIT most) oldest
         WHERE o.id = oldest.id AND o.at < now() - (SELECT keep_for FROM semmap.retention WHERE kind = 'observation');
     GET DIAGNOSTICS n = ROW_COUNT;
     RETURN n;

@@ -6,7 +6,7 @@ DECLARE
     moment timestamptz := clock_timestamp();
 BEGIN
     IF TG_OP = 'UPDATE' THEN
-        NEW.since := CASE WHEN NEW.robot_id = OLD.robot_id THEN OLD.since ELSE moment END;
+        NEW.since := CASE WHEN NEW.robot_id = OLD.robot_id THEN least(OLD.since, moment) ELSE moment END;
     ELSE
         NEW.since := moment;
     END IF;
@@ -23,10 +23,10 @@ CREATE TRIGGER reservation_stamp BEFORE INSERT OR UPDATE ON reservation
 CREATE FUNCTION claim(resource bigint, robot bigint, seconds double precision)
 RETURNS boolean LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Claims a connector or elevator for a robot for so many seconds, or renews its claim; false if another
--- robot has claimed it.
+-- robot has claimed it. A claim for more than an hour is of a clock that was set back.
 BEGIN
     UPDATE semmap.reservation SET robot_id = robot, expires = clock_timestamp() + make_interval(secs => seconds)
-        WHERE resource_id = resource AND (robot_id = robot OR expires < clock_timestamp());
+        WHERE resource_id = resource AND (robot_id = robot OR expires NOT BETWEEN clock_timestamp() AND clock_timestamp() + interval '1 hour');
     IF NOT FOUND THEN
         INSERT INTO semmap.reservation (resource_id, robot_id, expires)
             VALUES (resource, robot, clock_timestamp() + make_interval(secs => seconds)) ON CONFLICT DO NOTHING;

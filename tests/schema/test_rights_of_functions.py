@@ -43,6 +43,7 @@ CALLS: dict[str, set[str]] = {
     "drop_map((SELECT name FROM semmap.map WHERE id = {map}))": {"admin"},
     "drop_unused_models()": {"admin"},
     "end_idle_robots()": WRITERS,
+    "former_span('semmap.placement_history', {mug}, now(), now())": set(),
     "find_objects('{{{mug}}}')": set(),
     "fit_shape({mug}, '{{0,0,0,0,0,0,1}}', 1, 0)": {"admin"},
     "follow_change('{{{mug}}}')": {"admin"},

@@ -10,6 +10,7 @@ import json
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Connection, text
@@ -94,6 +95,7 @@ class MissionStore(MissionList):
         super().__init__(source)
         self.runner = runner
         self.grasps = grasps
+        self._others: dict[str, tuple[datetime, float]] = {}  # claims, and when they expire here
 
     def plan(
         self,
@@ -328,12 +330,16 @@ class MissionStore(MissionList):
         """Claim connectors and elevators for the robot of a mission: all of them or none.
 
         Returns None if the robot has them now; else the name of one that another robot has. Raises
-        GoneError for one that the map has no more.
+        GoneError for one that the map has no more. While the runner of the other robot is
+        connected, its claim expires by the clock of this process: that of the server can jump.
         """
         with self._begin() as connection:
             robot = self._own(connection, mission, running=True)
             for name in sorted(resources):  # in one order for all robots: no deadlock
                 values = {"name": name, "robot": robot, "seconds": seconds}
+                if self._is_renewed(connection, values):
+                    connection.rollback()
+                    return name
                 got = connection.execute(text(_CLAIM), values).scalar()
                 if got is None:
                     raise GoneError(f"the map has no {name} any more")
@@ -341,6 +347,17 @@ class MissionStore(MissionList):
                     connection.rollback()
                     return name
             return None
+
+    def _is_renewed(self, connection: Connection, values: dict[str, Any]) -> bool:
+        """Whether a connected runner of another robot has had the time to renew its claim."""
+        row = connection.execute(text(_OTHERS), values | {"key": LOCK}).one_or_none()
+        if row is None:
+            return False
+        expires, until = self._others.get(values["name"], (None, 0.0))
+        if expires != row.expires:
+            until = time.monotonic() + row.seconds
+            self._others[values["name"]] = row.expires, until
+        return time.monotonic() < until
 
     def release(self, mission: int, resources: Iterable[str]) -> None:
         """Release claims of the robot of a mission."""
@@ -413,6 +430,17 @@ ORDER BY number LIMIT 1
 
 _CLAIM = """
 SELECT claim(id, :robot, :seconds) FROM entity WHERE map_id = current_map() AND name = :name
+"""
+
+# A claim of another robot whose runner is connected, and for how long to wait for its renewal.
+_OTHERS = """
+SELECT r.expires, CASE WHEN left_over BETWEEN 0 AND 3600 THEN left_over ELSE :seconds / 2 END AS seconds
+FROM reservation r JOIN entity e ON e.id = r.resource_id,
+     LATERAL (SELECT CAST(extract(epoch FROM r.expires - clock_timestamp()) AS float8)) v (left_over)
+WHERE e.map_id = current_map() AND e.name = :name AND r.robot_id <> :robot AND EXISTS (
+    SELECT FROM pg_locks l WHERE l.locktype = 'advisory' AND l.objsubid = 1 AND l.granted
+       AND l.database = (SELECT oid FROM pg_database WHERE datname = current_database())
+       AND l.classid = :key AND l.objid = r.robot_id)
 """
 
 _RELEASE = """

@@ -1,0 +1,40 @@
+"""Clocks that jump: those of the server and of the processes that work on it (`libfaketime`)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+LIBRARY = next(Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"), None)
+ABSENT = "libfaketime is not installed: apt-get install libfaketime"
+
+JUMPS = "-1h", "+0", "+1d", "+0", "+20y", "+0", "-1h"
+"""Offsets from the real time: each begins where the former one ends; in 20 years it is after 2038."""
+
+
+@contextmanager
+def movable_clock(folder: Path) -> Iterator[Callable[[str], None]]:
+    """Let the clock of the processes that start meanwhile have an offset, which the yield sets."""
+    file = folder / "clock"
+
+    def set_clock(offset: str) -> None:
+        new = file.with_suffix(".new")
+        new.write_text(f"{offset}\n")
+        new.chmod(0o644)
+        new.rename(file)
+
+    set_clock("+0")
+    before = dict(os.environ)
+    os.environ |= {
+        "LD_PRELOAD": str(LIBRARY),
+        "FAKETIME_TIMESTAMP_FILE": str(file),
+        "FAKETIME_NO_CACHE": "1",
+        "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+    }
+    try:
+        yield set_clock
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
