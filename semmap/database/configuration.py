@@ -44,6 +44,7 @@ def server_settings(programs: Programs, socket_folder: Path, home: Path) -> dict
         "unix_socket_permissions": "0700",
         "hba_file": str(home / "hba.conf"),
         "ident_file": str(home / "ident.conf"),
+        "authentication_timeout": "5s",  # of a session that never says who it is
         # what is committed stays
         "fsync": "on",
         "synchronous_commit": "on",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import resource
 import socket
+import sys
 from collections.abc import Callable
 
 import h11
@@ -20,10 +21,21 @@ PATIENCE = 5
 MOST_CONNECTIONS = 512
 """The most connections, or half of the files that the process may open."""
 
+BACKLOG = 128
+"""The most connections, or an eighth of the files, that are accepted before one is refused.
+
+Where none can be opened, asyncio writes an error for each, and accepts none for a second.
+"""
+
 _BUSY = (
     b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 1\r\nConnection: close\r\n"
     b"Content-Length: 0\r\n\r\n"
 )
+
+
+def _most_files() -> int:
+    soft = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return sys.maxsize if soft == resource.RLIM_INFINITY else soft
 
 
 class BoundedProtocol(H11Protocol):
@@ -34,8 +46,7 @@ class BoundedProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Refuse a connection beyond the limit."""
         super().connection_made(transport)
-        files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-        if len(self.connections) > MOST_CONNECTIONS or 0 < files < 2 * len(self.connections):
+        if len(self.connections) > min(MOST_CONNECTIONS, _most_files() // 2):
             transport.write(_BUSY)
             transport.close()
         self._expect_head()
@@ -74,6 +85,7 @@ class HttpServer(uvicorn.Server):
                 host=host,
                 port=port,
                 http=BoundedProtocol,
+                backlog=min(BACKLOG, _most_files() // 8),
                 log_level="warning",
                 timeout_graceful_shutdown=PATIENCE,
             )

@@ -48,15 +48,15 @@ class ServiceConnection:
 
     def ask(self, action: str, **arguments: Any) -> Any:
         """Return the reply to a request, or raise ValueError (refused) or ConnectionError."""
-        self.send(action, **arguments)
+        with suppress(OSError):  # a service that refuses a connection says why before it reads
+            self.send(action, **arguments)
         for reply in self.replies():
             return reply
         raise ConnectionError("the service ended before it replied: start it again")
 
     def send(self, action: str, **arguments: Any) -> None:
         """Send a request."""
-        self._stream.write(json.dumps({"do": action} | arguments).encode() + b"\n")
-        self._stream.flush()
+        self._channel.sendall(json.dumps({"do": action} | arguments).encode() + b"\n")
 
     def replies(self) -> Iterator[Any]:
         """Yield replies until the service ends, or this connection is closed."""
@@ -84,7 +84,7 @@ def find_service(
                 channel.connect(str(path))
             except OSError:
                 continue  # left behind by a service that was killed
-            with channel.makefile("rwb") as stream:
+            with channel.makefile("rb") as stream:
                 found = ServiceConnection(stream, channel)
                 try:
                     hello = found.ask("hello", map=map_name)
