@@ -10,9 +10,6 @@ from pathlib import Path
 LIBRARY = next(Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"), None)
 ABSENT = "libfaketime is not installed: apt-get install libfaketime"
 
-JUMPS = "-1h", "+0", "+1d", "+0", "+20y", "+0", "-1h"
-"""Offsets from the real time: each begins where the former one ends; in 20 years it is after 2038."""
-
 
 @contextmanager
 def movable_clock(folder: Path) -> Iterator[Callable[[str], None]]:

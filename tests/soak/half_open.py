@@ -94,9 +94,11 @@ def half_open(cluster: Cluster, number: int = NUMBER, files: int = FILES) -> lis
     waits = {}
     with held(str(cluster.start() / ".s.PGSQL.5432"), number, b"\0"):
         waits["embedded database"] = waited(connect, SECONDS["embedded database"])
-    with command(cluster, "fields", "serve", files=files):
-        with held(str(socket_of(url, "office")), number, b'{"do": '):
-            waits["semmap fields serve"] = waited(look, SECONDS["semmap fields serve"])
+    with (
+        command(cluster, "fields", "serve", files=files),
+        held(str(socket_of(url, "office")), number, b'{"do": '),
+    ):
+        waits["semmap fields serve"] = waited(look, SECONDS["semmap fields serve"])
     with command(cluster, "serve", "--port", "0", files=files) as line:
         address = httpx.URL(line.split("/maps")[0].split()[-1])
         with held((address.host, address.port), number, b"GET /maps HT"):
