@@ -434,9 +434,11 @@ SELECT claim(id, :robot, :seconds) FROM entity WHERE map_id = current_map() AND 
 
 # A claim of another robot whose runner is connected, and for how long to wait for its renewal.
 _OTHERS = """
-SELECT r.expires, CASE WHEN left_over BETWEEN 0 AND 3600 THEN left_over ELSE :seconds / 2 END AS seconds
+SELECT r.expires,
+       CASE WHEN left_over BETWEEN 0 AND 3600 THEN left_over ELSE :seconds / 2 END AS seconds
 FROM reservation r JOIN entity e ON e.id = r.resource_id,
-     LATERAL (SELECT CAST(extract(epoch FROM r.expires - clock_timestamp()) AS float8)) v (left_over)
+     LATERAL (SELECT CAST(extract(epoch FROM r.expires - clock_timestamp()) AS float8))
+         v (left_over)
 WHERE e.map_id = current_map() AND e.name = :name AND r.robot_id <> :robot AND EXISTS (
     SELECT FROM pg_locks l WHERE l.locktype = 'advisory' AND l.objsubid = 1 AND l.granted
        AND l.database = (SELECT oid FROM pg_database WHERE datname = current_database())
