@@ -185,6 +185,9 @@ class IfcFile:
     def _placed(
         self, matrix: NDArray[np.float64], vertices: NDArray[np.float64], faces: NDArray[np.int32]
     ) -> ElementBody:
+        if not (np.isfinite(matrix).all() and np.isfinite(vertices).all()):
+            fix = "Export the building again."
+            raise WorldError(self.path, "placement", "puts an element at infinity", fix)
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         x, y, _ = ((low + high) / 2).tolist()
         below = Pose(x, y, float(low[2]))
