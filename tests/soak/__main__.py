@@ -21,6 +21,7 @@ from pathlib import Path
 
 from semmap.database import Cluster
 from tests.soak.disk import full_disk, read_only_disk, small_disk
+from tests.soak.half_open import half_open
 from tests.soak.kills import OFFICE, Soak
 from tests.soak.power import damaged
 
@@ -50,7 +51,7 @@ def main() -> int:
         for number in range(chosen.cuts):
             print(f"{number + 1:>5}  {soak.cut_power()}", flush=True)
         soak.finish()
-        soak.wrong += damaged(cluster)
+        soak.wrong += [*damaged(cluster), *half_open(Cluster(folder / "other"))]
     finally:
         soak.close()
         cluster.stop()

@@ -74,8 +74,7 @@ def half_open(cluster: Cluster, number: int = NUMBER, files: int = FILES) -> lis
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, number + 500), hard))
     url = cluster.ensure().render_as_string(hide_password=False)
     with semmap.connect(url, migrate=True) as db:
-        if "office" not in [each["name"] for each in db.list_maps()]:
-            db.import_file(OFFICE[0], map="office")
+        db.import_file(OFFICE[0], map="office")
 
     def connect() -> bool:
         try:
