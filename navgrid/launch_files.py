@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from navgrid.grid import ROOT_FRAME, file_name
+from semmap.whole_file import write_whole
 
 BRINGUP, FRAMES = "bringup.launch.xml", "frames.launch.xml"
 
@@ -98,4 +99,4 @@ def _building(storeys: Iterable[str]) -> Element:
 
 def _write(path: Path, launch: Element) -> None:
     ElementTree.indent(launch)
-    path.write_text(ElementTree.tostring(launch, encoding="unicode") + "\n", encoding="utf-8")
+    write_whole(path, ElementTree.tostring(launch, encoding="unicode") + "\n")

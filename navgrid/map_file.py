@@ -10,7 +10,6 @@ import json
 import math
 import os
 import re
-import tempfile
 from collections.abc import Iterable
 from io import BytesIO
 from pathlib import Path
@@ -25,6 +24,7 @@ from navgrid.grid import FREE, OCCUPIED, UNKNOWN, Grid, file_name
 from navgrid.voxel_cells import SLACK
 from semmap.error import Error
 from semmap.limits import CONFIG_BYTES, PIXELS
+from semmap.whole_file import whole_file
 from semmap.yaml_file import check_structure
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -326,17 +326,10 @@ def _encoded(pixels: NDArray[np.uint8], form: str) -> bytes:
 
 def _replace(path: Path, content: bytes) -> None:
     """Write a file in one step: a complete one is renamed to it."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with whole_file(path) as made, made.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def folder_of(storey: str, folder: Path, storeys: int) -> Path:

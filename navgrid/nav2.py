@@ -25,6 +25,7 @@ from navgrid.map_file import Mode, write_map
 from navgrid.masks import Mask, keepout_mask, speed_mask
 from semmap.query.geometry_notes import geometry_lists
 from semmap.robot import footprint_string
+from semmap.whole_file import write_whole
 
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
@@ -84,7 +85,7 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
     paths = {name: str((folder / file).resolve()) for name, file in maps.items()}
     params = _params(costmap, paths, masks, frame)
     head = _HEAD + "".join(f"# {note}\n" for note in notes)
-    (folder / "nav2_params.yaml").write_text(head + yaml.safe_dump(params, sort_keys=False))
+    write_whole(folder / "nav2_params.yaml", head + yaml.safe_dump(params, sort_keys=False))
     write_storey_launch(folder, params, frame, costmap.scene.elevation)
     files: Files = {
         "storey": costmap.scene.storey,
@@ -116,7 +117,7 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
         **geometry_lists(costmap.scene.entities),
         **field_lists(costmap.field_layers, costmap.fields_without_rule),
     }
-    (folder / "costmap.json").write_text(json.dumps(files, indent=1) + "\n")
+    write_whole(folder / "costmap.json", json.dumps(files, indent=1) + "\n")
     return files
 
 

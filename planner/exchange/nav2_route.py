@@ -24,6 +24,7 @@ from planner.exchange.route_graph import (
 )
 from planner.routing_graph import RoutingGraph
 from planner.topology import PlaceConnector, Topology
+from semmap.whole_file import write_whole
 
 MOST_IDS = 65_535  # the largest id of a node or an edge: messages store them as uint16
 LEAST_COST = 1e-3  # seconds; the planner throws for an edge without cost
@@ -108,7 +109,7 @@ def write_nav2(routing: RoutingGraph, path: Path | str, **options: Any) -> list[
     for storey, graph in nav2_graphs(routing, **options).items():
         own = path if storey is None else path.with_name(f"{path.stem}.{file_name(storey)}.geojson")
         own.parent.mkdir(parents=True, exist_ok=True)
-        own.write_text(dumps(graph), encoding="utf-8")
+        write_whole(own, dumps(graph))
         written.append(own)
     return written
 

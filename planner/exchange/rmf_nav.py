@@ -29,6 +29,7 @@ from planner.exchange.route_graph import (
 )
 from planner.routing_graph import RoutingGraph
 from planner.topology import PlaceConnector
+from semmap.whole_file import write_whole
 
 REVERSED = {"forward": "backward", "backward": "forward"}
 """The orientation of a lane in the other direction."""
@@ -107,7 +108,7 @@ def write_rmf_nav(routing: RoutingGraph, path: Path | str, **options: Any) -> Pa
     graph = rmf_nav_graph(routing, **options)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump(graph, allow_unicode=True, default_flow_style=None), "utf-8")
+    write_whole(path, yaml.safe_dump(graph, allow_unicode=True, default_flow_style=None))
     return path
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from semmap.arrays import Floats
+from semmap.whole_file import write_whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,7 @@ def write_pomdp(pomdp: Pomdp, file: Path) -> Path:
             f"R: {action} : {states[s]} : * : * {float(pomdp.rewards[a, s])!r}"
             for s in np.flatnonzero(pomdp.rewards[a])
         ]
-    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(file, "\n".join(lines) + "\n")
     return file
 
 

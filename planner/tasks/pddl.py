@@ -17,6 +17,7 @@ from pathlib import Path
 
 from planner.tasks.goal import ROBOT
 from planner.tasks.problem import Problem, milliseconds
+from semmap.whole_file import write_whole
 
 _DOMAIN = """\
 ; Tasks of a robot that fetches and delivers; times are milliseconds.
@@ -99,7 +100,7 @@ def write_pddl(problem: Problem, folder: Path) -> tuple[Path, Path]:
     folder.mkdir(parents=True, exist_ok=True)
     paths = folder / "domain.pddl", folder / "problem.pddl"
     for path, facts in zip(paths, (domain, task), strict=True):
-        path.write_text(facts)
+        write_whole(path, facts)
     return paths
 
 

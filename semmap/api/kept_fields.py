@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semmap.whole_file import write_whole
+
 if TYPE_CHECKING:
     from datetime import datetime
 
@@ -125,7 +127,7 @@ def export_entities(mirror: Mirror, folder: Path) -> dict[str, Any]:
     }
     folder.mkdir(parents=True, exist_ok=True)
     regions.write(folder / "sets.vdb")
-    (folder / "sets.json").write_text(json.dumps(sets, indent=1) + "\n")
+    write_whole(folder / "sets.json", json.dumps(sets, indent=1) + "\n")
     write_points(folder / "points.ply", centres, numbers, name="set")
     return {
         "folder": str(folder),
@@ -148,7 +150,7 @@ def export_field(map: MapQuestions, name: str, version: int | None, folder: Path
     write_grid(folder / "field.vdb", field.grid, name)
     write_grid(folder / "points.ply", field.grid, name)
     if field.legend is not None:
-        (folder / "legend.json").write_text(json.dumps(field.legend, indent=1) + "\n")
+        write_whole(folder / "legend.json", json.dumps(field.legend, indent=1) + "\n")
     return {
         "folder": str(folder),
         "name": name,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 from semmap.api.checked import EntityName, Positive
 from semmap.api.map_pictures import plan_of
 from semmap.api.map_tasks import MapTasks
+from semmap.whole_file import write_whole
 
 if TYPE_CHECKING:
     from planner.robot_class import RobotClass
@@ -265,7 +266,7 @@ class MapDrawing(MapTasks):
         else:
             text = json.dumps(topology_as_json(graph.topology, storey), indent=1)
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+        write_whole(file, text.rstrip("\n") + "\n")
         return [file]
 
     def routing_graph(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.map_questions import MapQuestions
+from semmap.whole_file import write_whole
 
 if TYPE_CHECKING:
     import geopandas
@@ -75,7 +76,7 @@ class MapExport(MapQuestions):
         path = Path(path)
         if path.suffix.lower() != ".qgz":
             raise ValueError(f"{path.name}: a QGIS project is a .qgz, not {path.suffix!r}")
-        path.write_bytes(self._qgis_project())
+        write_whole(path, self._qgis_project())
         return path
 
     def store_qgis_project(self) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from semmap.api.checked import Positive
 from semmap.api.map_reasoning import MapReasoning
+from semmap.whole_file import write_whole
 
 if TYPE_CHECKING:
     import rdflib
@@ -147,7 +148,7 @@ class MapKnowledge(MapReasoning):
 
         format_ = format_of(Path(path))
         graph = self.graph(inferences=inferences)
-        Path(path).write_text(serialized(graph, format_), encoding="utf-8")
+        write_whole(path, serialized(graph, format_))
         return len(graph)
 
     def import_rdf(self, path: str | Path) -> int:

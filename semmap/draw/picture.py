@@ -12,6 +12,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
+from semmap.whole_file import whole_file, write_whole
+
 DRAWN = (".svg", ".pdf")
 """Files into which a picture is drawn again, as lines."""
 
@@ -100,9 +102,10 @@ class Picture:
             raise ValueError(f"{path}: this picture is pixels alone: save it as .png")
         path.parent.mkdir(parents=True, exist_ok=True)
         if end in DRAWN and self.draw is not None:
-            self.draw(path)
+            with whole_file(path) as made:
+                self.draw(made)
         else:
-            path.write_bytes(self.png)
+            write_whole(path, self.png)
         return path
 
     def __repr__(self) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from semmap.draw.palette import INK, PAPER
 from semmap.terminal import visible
+from semmap.whole_file import whole_file
 
 
 def paper_sheet(width: float, height: float, dpi: int) -> Figure:
@@ -40,7 +41,8 @@ def save_sheet(figure: Figure, path: Path | str) -> Path:
     """Save a figure in a folder that is made where it is missing; return the file."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    with whole_file(path) as made:
+        figure.savefig(made)
     return path
 
 

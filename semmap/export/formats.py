@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +13,7 @@ from semmap.export.indoor_gml import write_indoor_gml
 from semmap.export.rmf_building import write_rmf
 from semmap.export.sdf_world import write_sdf
 from semmap.query.snapshot import Snapshot
+from semmap.whole_file import whole_file
 
 
 class Format(NamedTuple):
@@ -52,12 +52,8 @@ def export_map(seen: Snapshot, path: Path, *, crs: Any = None, meshes: bool = Tr
     folder = f"{path.stem}_meshes" if meshes else None
     found = read_map(seen, folder=folder, boxes=format_.boxes, crs=crs)
     path.parent.mkdir(parents=True, exist_ok=True)
-    made = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
+    with whole_file(path) as made:
         format_.write(found, made)
         if not format_.within:
             found.write_meshes(path)
-        made.replace(path)
-    finally:
-        made.unlink(missing_ok=True)
     return path

@@ -9,6 +9,7 @@ from urllib.parse import quote, urlsplit
 
 from semmap.interlinking.data_set_file import csv_rows
 from semmap.interlinking.records import InterlinkingError, Records
+from semmap.whole_file import write_whole
 
 ANSWERS = dict.fromkeys(("1", "yes", "true", "same"), True) | dict.fromkeys(
     ("0", "no", "false", "different"), False
@@ -99,9 +100,7 @@ def write_same_as(
     path: Path, left: Records, right: Records, links: Iterable[tuple[str, str]]
 ) -> None:
     """Write links as Turtle, the whole file or nothing."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(same_as(left, right, links), encoding="utf-8")
-    part.replace(path)
+    write_whole(path, same_as(left, right, links))
 
 
 def iri(key: str, records: Records) -> str:

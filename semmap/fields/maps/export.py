@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.fields.checks import as_points
 from semmap.fields.maps.grids import Grid, lattice_of
+from semmap.whole_file import write_whole
 
 Values = NDArray[np.bool_] | NDArray[np.int32] | NDArray[np.float32]
 
@@ -62,7 +63,7 @@ def write_points(
         "property uchar red\nproperty uchar green\nproperty uchar blue\n"
         f"property {ply} {name}\nend_header\n"
     )
-    Path(path).write_bytes(head.encode("ascii") + rows.tobytes())
+    write_whole(path, head.encode("ascii") + rows.tobytes())
 
 
 def _colours(values: Values) -> NDArray[np.uint8]:

@@ -29,6 +29,7 @@ from semmap.manipulation.signing import is_signed, own_key
 from semmap.manipulation.store.actions import insert_actions
 from semmap.manipulation.store.database_answers import number, refusals
 from semmap.manipulation.store.devices import add_gripper
+from semmap.whole_file import write_whole
 
 FORMAT = "semmap manipulation knowledge"
 
@@ -108,7 +109,7 @@ def export_bundle(
     body = "".join(json.dumps(line, default=str) + "\n" for line in lines).encode()
     signature = json.dumps({"signature": signer.sign(body).signature.hex()}).encode() + b"\n"
     try:
-        path.write_bytes(body + signature)
+        write_whole(path, body + signature)
     except OSError as error:
         raise ManipulationError(
             f"{path}: cannot be written ({error.strerror}): check the path"
