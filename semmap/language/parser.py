@@ -150,6 +150,10 @@ _AGGREGATES = "http://www.opengis.net/def/function/geosparql/agg"
 """The functions of a group: the grammar cannot tell them from others (GeoSPARQL 1.1)."""
 
 
+_LISTS = {"RelationalExpression": "other", "Builtin_COALESCE": "arg"}
+"""The operands that may be a list of expressions."""
+
+
 def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
     """Return a function from prefixed names and literals to terms that know their positions."""
 
@@ -159,6 +163,14 @@ def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
         if getattr(part, "name", "") == "Function" and str(part.iri).startswith(_AGGREGATES):
             name = str(part.iri).rpartition("/")[2]
             return CompValue(f"Aggregate_{name}", vars=part.expr[0], distinct=part.distinct)
+        if getattr(part, "name", "") == "GroupAs" and part.var is None:
+            return _innermost(part.expr)  # rdflib groups by None
+        if getattr(part, "name", "") in _LISTS:
+            name = _LISTS[part.name]
+            if name in part and isinstance(
+                part[name], rdflib.URIRef
+            ):  # the grammar reads () as rdf:nil
+                part[name] = []
         if getattr(part, "name", "") == "Filter" and not _innermost(part.expr):
             # rdflib drops a filter whose expression is falsy in Python: FILTER(false), FILTER(0)
             part["expr"] = CompValue("ConditionalAndExpression", expr=part.expr, other=[])
