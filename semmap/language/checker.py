@@ -313,20 +313,10 @@ class Checker:
             keys.append(name)
         aggregates = []
         for each in node.A:
-            self._expect_grouped(each, keys)
             aggregate = self._aggregate(each, of.variables)
             self.declare(aggregate.name, aggregate.kind, None, 0)
             aggregates.append(aggregate)
         return algebra.GroupPattern(of, tuple(keys), tuple(aggregates), node.p.expr is None)
-
-    def _expect_grouped(self, node: Any, keys: list[str]) -> None:
-        """Refuse a variable that is projected, but neither grouped by nor aggregated."""
-        if node.name != "Aggregate_Sample" or position_of(node) is not None:
-            return  # rdflib adds a SAMPLE without position for each projected variable
-        if str(node.vars) == EVERYTHING:
-            raise self.error("* cannot be used with groups: name the variables", node.vars)
-        if str(node.vars) not in keys:
-            raise self.error(f"?{node.vars} is neither grouped by nor aggregated", node.vars)
 
     def _aggregate(self, node: Any, variables: frozenset[str]) -> algebra.Aggregate:
         function = node.name.removeprefix("Aggregate_")

@@ -70,12 +70,6 @@ def _operand(tree: Any, scope: Checker) -> Operand:
     if isinstance(tree, Identifier):
         return tree
     if isinstance(tree, CompValue):
-        if tree.name.startswith("Aggregate_"):
-            raise scope.error(
-                "an aggregate is allowed in SELECT, HAVING and ORDER BY only, and not within "
-                "another aggregate",
-                tree,
-            )
         check = _CHECKS.get(tree.name)
         if check is not None:
             return check(tree, scope)

@@ -18,6 +18,7 @@ from semmap.language.error import TOO_DEEP, QueryError
 from semmap.language.grammar import Form, read_syntax
 from semmap.language.normalise import NormalisedText, normalise
 from semmap.language.refusals import refuse_unsafe, refuse_unsupported
+from semmap.language.scopes import ScopeChecker
 from semmap.language.syntax_tree import nodes_in
 from semmap.language.terms import (
     EVERYTHING,
@@ -78,6 +79,7 @@ def parse_query(text: str) -> ParsedText:
             normalised, algebra.translatePrologue(declarations, None, FIELD_PREFIXES)
         )
         tree = algebra.traverse(tree, visitPost=resolve)
+        ScopeChecker(normalised).check_query(tree)
         clauses = algebra.traverse(clauses, visitPost=resolve)
         _mark_everything(tree)
         translated, names = algebra.translate(tree)
@@ -118,6 +120,9 @@ def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
         declarations, tree = tree
         prologue = algebra.translatePrologue(declarations, None, dict(prefixes))
         tree = algebra.traverse(tree, visitPost=_resolver(normalised, prologue))
+        visible = ScopeChecker(normalised).check_query(tree)
+        if tree.name == "DescribeQuery" and not tree.var:  # rdflib cannot translate DESCRIBE *
+            tree["var"] = [rdflib.Variable(name) for name in sorted(visible)]
         everything = tree.name == "SelectQuery" and not tree.projection
         try:
             pattern, names = algebra.translate(tree)
@@ -136,11 +141,12 @@ def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
 
 def _requests(text: NormalisedText, tree: Any, prefixes: Prefixes) -> Iterator[Any]:
     """Yield the algebra of each request of an update."""
-    prologue = None
+    prologue, checker = None, ScopeChecker(text)
     for declarations, request in zip(tree.prologue or (), tree.request or (), strict=False):
         known = dict(prefixes) if prologue is None else None
         prologue = algebra.translatePrologue(declarations, None, known, prologue)
         request = algebra.traverse(request, visitPost=_resolver(text, prologue))
+        checker.check_request(request)
         request = algebra.traverse(request, visitPost=algebra._simplifyFilters)
         request = algebra.traverse(request, visitPost=algebra.translatePath)
         yield algebra.translateUpdate1(request, prologue)
@@ -166,11 +172,9 @@ def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
         if getattr(part, "name", "") == "GroupAs" and part.var is None:
             return _innermost(part.expr)  # rdflib groups by None
         if getattr(part, "name", "") in _LISTS:
-            name = _LISTS[part.name]
-            if name in part and isinstance(
-                part[name], rdflib.URIRef
-            ):  # the grammar reads () as rdf:nil
-                part[name] = []
+            operand = _LISTS[part.name]
+            if isinstance(getattr(part, operand), rdflib.URIRef):  # the grammar reads () so
+                part[operand] = []
         if getattr(part, "name", "") == "Filter" and not _innermost(part.expr):
             # rdflib drops a filter whose expression is falsy in Python: FILTER(false), FILTER(0)
             part["expr"] = CompValue("ConditionalAndExpression", expr=part.expr, other=[])

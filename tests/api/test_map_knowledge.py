@@ -134,6 +134,17 @@ def test_answers_that_appear_and_disappear_are_followed(flat: semmap.Map) -> Non
         flat.watch_sparql("SELECT ?x {")
 
 
+def test_a_variable_that_is_not_grouped_is_refused(flat: semmap.Map) -> None:
+    query = "SELECT ?x (COUNT(?y) AS ?n) { ?x semmap:heldBy ?y }"
+    reason = r"line 1, column \d+: \?x is neither grouped by nor aggregated"
+    with pytest.raises(QueryError, match=reason):
+        flat.sparql(query)
+    with pytest.raises(QueryError, match=reason):
+        flat.watch_sparql(query)
+    with pytest.raises(QueryError, match=reason):
+        flat.update(f"INSERT {{ ?x rel:of ?n }} WHERE {{ {query} }}")
+
+
 @pytest.mark.parametrize("ending", ["ttl", "jsonld", "trig", "nt", "nq"])
 def test_files_have_the_graph(flat: semmap.Map, tmp_path: Path, ending: str) -> None:
     flat.update("INSERT DATA { :table1 rel:beside :cup%201 . GRAPH :ann { :cup%201 rel:of :ann } }")

@@ -241,6 +241,15 @@ def test_describe_has_all_facts_about_a_resource(
     assert len(expected) > 30
 
 
+def test_describe_all_describes_each_variable(loft: psycopg.Connection) -> None:
+    found, expected = (
+        comparable(query(loft, f"DESCRIBE {names} {{ ?x a semmap:Cup ; semmap:heldBy ?h }}"))
+        for names in ("*", "?x ?h")
+    )
+    assert found == expected
+    assert len(found) > 30
+
+
 def test_what_sql_cannot_translate_is_evaluated_by_rdflib(
     loft: psycopg.Connection, engines: Engines
 ) -> None:

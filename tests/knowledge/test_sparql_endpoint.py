@@ -100,6 +100,7 @@ def test_formats_of_graphs(client: httpx.Client) -> None:
     [
         (400, {"params": {}}),
         (400, {"params": {"query": "SELECT ?x {"}}),
+        (400, {"params": {"query": "SELECT ?y { ?x semmap:heldBy ?y } GROUP BY ?x"}}),
         (400, {"params": {"query": QUERY, "default-graph-uri": "no IRI"}}),
         (400, {"params": {"query": QUERY, "using-graph-uri": "http://a/b"}}),
         (405, {"params": {"update": "DELETE WHERE { ?s ?p ?o }"}}),

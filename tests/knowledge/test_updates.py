@@ -97,6 +97,8 @@ REFUSED = (
     ("MOVE ex:archive TO DEFAULT", "default graph"),
     ("MOVE DEFAULT TO ex:archive", "default graph"),
     ("INSERT DATA { :a :b }", "SPARQL"),
+    ("DELETE WHERE { _:b ex:likes ?x }", "blank node"),
+    ("INSERT { ?x ex:likes ?y } WHERE { ?x foaf:knows ?y BIND(1 AS ?y) }", "bound already"),
 )
 
 

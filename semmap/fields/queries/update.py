@@ -116,7 +116,7 @@ class _UpdateRun:
                 table = self._solutions(checker, context, request.where)
         template = _Template(self.parsed, checker, context, table, self._name_of_node)
         deletions = [(t, template.regions(*t)) for t in _in_order(deleted)]
-        insertions = [(t, template.regions(*t, inserting=True)) for t in _in_order(inserted)]
+        insertions = [(t, template.regions(*t)) for t in _in_order(inserted)]
         for change, changes in ((self._delete, deletions), (self._insert, insertions)):
             for triple, pairs in changes:
                 for name, region in pairs:
@@ -199,15 +199,11 @@ class _Template:
     table: Table
     name_of_node: Callable[[rdflib.BNode, bool], str]
 
-    def regions(
-        self, subject: Any, verb: Any, object_: Any, *, inserting: bool = False
-    ) -> list[tuple[str, Region]]:
+    def regions(self, subject: Any, verb: Any, object_: Any) -> list[tuple[str, Region]]:
         """Return the entities of a triple, each with a region."""
         error = self.parsed.error
         if not is_occupies(str(verb)):
             raise error("only :occupies can be inserted and deleted", verb)
-        if isinstance(subject, rdflib.BNode) and not inserting:
-            raise error("a blank node is allowed in INSERT only: name the entity", subject)
         region = None if isinstance(object_, rdflib.Variable) else self._region(object_)
         self._check_kind(subject, "entity")
         self._check_kind(object_, "voxel")
