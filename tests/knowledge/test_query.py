@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import psycopg
 import pytest
 
@@ -158,6 +160,8 @@ QUERIES = (
     "SELECT ?s ?o { GRAPH :ann_believes { ?s ?p ?o } }",
     "SELECT ?g ?o { GRAPH ?g { :bob ex:likes ?o } }",
     "SELECT ?g ?t { GRAPH ?g { ?x semmap:heldBy ?h } ?x a ?t . ?t rdfs:subClassOf ?u }",
+    "ASK { GRAPH ?g {} }",
+    "ASK FROM ex:archive { GRAPH ?g {} }",
     # CONSTRUCT and ASK
     "CONSTRUCT { ?y ex:has ?x } { ?x semmap:heldBy ?y }",
     "CONSTRUCT WHERE { ?x a semmap:Cup ; semmap:heldBy ?y }",
@@ -204,6 +208,35 @@ def test_answers_are_those_of_other_engines(
         assert found == engines.oxigraph(EX + text)
     if not any(part in text for part in RDFLIB_DIFFERS):
         assert found == engines.rdflib(EX + text)
+
+
+IN_A_GRAPH = (
+    "{}",
+    "{ VALUES ?x { 1 } }",
+    "{ BIND(1 AS ?x) }",
+    "{ :bob ex:likes* ?x }",
+    "{ OPTIONAL { ?x ex:nothing ?y } }",
+    "{ ?x ex:likes ?y OPTIONAL { ?x ex:nothing ?z } FILTER(?x = :bob) BIND(1 AS ?w) }",
+    "{ { ?x ex:likes ?y } UNION {} }",
+    "{ SELECT (COUNT(*) AS ?n) { ?x ex:nothing ?y } }",
+    "{ GRAPH ex:archive { ?x ex:likes ?y } }",
+)
+
+
+@pytest.mark.parametrize("pattern", IN_A_GRAPH)
+@pytest.mark.parametrize("graph", ["ex:archive", ":ann_believes", "ex:nowhere"])
+@pytest.mark.parametrize("dataset", ["", "FROM NAMED ex:archive"])
+def test_a_graph_that_is_not_there_has_no_solution(
+    loft: psycopg.Connection, engines: Engines, pattern: str, graph: str, dataset: str
+) -> None:
+    text = f"{EX} SELECT * {dataset} {{ GRAPH {graph} {pattern} }}"
+    expected: Counter[object] = Counter()
+    # Where there is no such graph, oxigraph reads an empty one.
+    if engines.oxigraph(f"{EX} ASK {dataset} {{ GRAPH ?g {{}} FILTER(?g = {graph}) }}"):
+        expected = engines.oxigraph(text)
+    assert comparable(query(loft, text)) == expected
+    inside = f"{EX} ASK {dataset} {{ FILTER EXISTS {{ GRAPH {graph} {pattern} }} }}"
+    assert query(loft, inside).truth == bool(expected)
 
 
 @pytest.mark.parametrize(("pattern", "count"), [("", 1), ("FILTER(false)", 0), (":a :b :c", 0)])

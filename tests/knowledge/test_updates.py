@@ -84,6 +84,13 @@ def test_using_chooses_the_graphs_that_where_reads(changing: psycopg.Connection)
     assert update(changing, EX + text).removed == 0  # what it read is not in ex:new
 
 
+def test_with_names_a_graph_that_may_be_empty(changing: psycopg.Connection) -> None:
+    update(changing, EX + "WITH ex:new INSERT { :bob ex:likes 'tea' } WHERE {}")
+    assert truth(changing, "GRAPH ex:new { :bob ex:likes 'tea' }")
+    text = "INSERT { :bob ex:likes 'tea' } WHERE { GRAPH ex:nowhere {} }"
+    assert update(changing, EX + text).added == 0
+
+
 REFUSED = (
     ("INSERT DATA { :table semmap:x 3.0 }", "follows from"),
     ("INSERT DATA { :bob ex:new 1 . :table geo:sfContains :sofa }", "follows from"),
