@@ -1,8 +1,8 @@
 """The requirements of GeoSPARQL, and the W3C's tests of SPARQL beside rdflib and oxigraph.
 
 ``python -m benchmarks.conformance FOLDER`` runs all tests below a folder with manifests, such as
-``test/DAWG/data-sparql11`` in the source distribution of rdflib 6.0.0, and prints how many pass and
-why the others fail.
+``test/DAWG/data-sparql11`` in the source distribution of rdflib 6.0.0: the evaluation tests, and
+the texts to read and to refuse. It prints how many pass and why the others fail.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 import tempfile
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +25,6 @@ import psycopg
 import pyoxigraph
 import rdflib
 import rdflib.plugins.sparql
-from rdflib.collection import Collection
 from rdflib.compare import isomorphic
 from rdflib.namespace import RDF, RDFS
 from rich.console import Console
@@ -33,6 +32,8 @@ from rich.table import Table
 
 import semmap
 from benchmarks.conformance_failures import why
+from benchmarks.conformance_manifest import MF, entries, file_of
+from benchmarks.conformance_syntax import READERS, SyntaxCase, is_read, syntax_cases
 from benchmarks.geosparql import requirements_table, small_map
 from semmap import Database
 from semmap.database import Cluster
@@ -44,7 +45,6 @@ from semmap.knowledge.whole_graph import facts
 
 __all__ = ["Case", "cases", "empty_map", "main", "run"]
 
-MF = rdflib.Namespace("http://www.w3.org/2001/sw/DataAccess/tests/test-manifest#")
 QT = rdflib.Namespace("http://www.w3.org/2001/sw/DataAccess/tests/test-query#")
 UT = rdflib.Namespace("http://www.w3.org/2009/sparql/tests/test-update#")
 RS = rdflib.Namespace("http://www.w3.org/2001/sw/DataAccess/tests/result-set#")
@@ -94,12 +94,8 @@ class Case:
 
 def cases(folder: Path) -> Iterator[Case]:
     """Yield the evaluation tests of all manifests below a folder."""
-    for path in sorted(folder.rglob("manifest.ttl")):
-        manifest = rdflib.Graph().parse(path, publicID=path.as_uri())
-        for entries in manifest.objects(None, MF.entries):
-            for test in dict.fromkeys(Collection(manifest, entries)):
-                if set(manifest.objects(test, RDF.type)) & EVALUATED:
-                    yield _case(manifest, test, path)
+    for manifest, test, path in entries(folder, EVALUATED):
+        yield _case(manifest, test, path)
 
 
 def _case(manifest: rdflib.Graph, test: Any, path: Path) -> Case:
@@ -108,28 +104,28 @@ def _case(manifest: rdflib.Graph, test: Any, path: Path) -> Case:
     is_update = manifest.value(action, UT.request) is not None
 
     def files(node: Any, verb: Any) -> Iterator[Path]:
-        yield from (_path(found) for found in manifest.objects(node, verb))
+        yield from (file_of(found) for found in manifest.objects(node, verb))
 
     def named(node: Any) -> Iterator[tuple[str, Path]]:
         for found in manifest.objects(node, QT.graphData):
-            yield str(found), _path(found)
+            yield str(found), file_of(found)
         for found in manifest.objects(node, UT.graphData):
             file = manifest.value(found, UT.graph) or manifest.value(found, UT.data)
-            yield str(manifest.value(found, RDFS.label)), _path(file)
+            yield str(manifest.value(found, RDFS.label)), file_of(file)
 
     data = (*files(action, QT.data), *files(action, UT.data))
     graphs = dict(named(action))
-    for iri, file in _chosen(_path(request)) if not is_update else ():
+    for iri, file in _chosen(file_of(request)) if not is_update else ():
         graphs.setdefault(iri, file)
     results = [("", file) for file in files(result, UT.data)] + list(named(result))
     return Case(
         path.parent.name,
         str(test).rsplit("#", 1)[-1],
-        _path(request),
+        file_of(request),
         is_update,
         data,
         tuple(graphs.items()),
-        None if is_update else _path(result),
+        None if is_update else file_of(result),
         manifest.value(test, MF.resultCardinality) == MF.LaxCardinality,
         tuple(results),
     )
@@ -143,12 +139,6 @@ def _chosen(request: Path) -> Iterator[tuple[str, Path]]:
         file = request.parent / name
         if file.is_file():
             yield file.as_uri(), file
-
-
-def _path(iri: Any) -> Path:
-    from urllib.parse import unquote, urlsplit
-
-    return Path(unquote(urlsplit(str(iri)).path))
 
 
 # Outcomes
@@ -426,13 +416,28 @@ def main(folder: Path) -> int:
             for name, engine in zip(ENGINES, engines, strict=True):
                 if reason := run(case, engine):
                     failures[name][case.key] = reason
-    console.print(_passes(tests, failures))
-    console.print(_failures(failures))
-    return sum(why(key) is None for key in failures["semmap"])
+    console.print(_passes("SPARQL 1.1: tests passed", tests, failures))
+    console.print(_failures("What the map fails", failures))
+    texts = list(syntax_cases(folder))
+    wrong = {
+        name: {case.key: reason for case in texts if (reason := is_read(case, reader))}
+        for name, reader in READERS.items()
+    }
+    for kind, is_sparql in (("to read", True), ("to refuse", False)):
+        of_kind = [case for case in texts if case.is_sparql == is_sparql]
+        console.print(_passes(f"SPARQL 1.1: texts {kind}", of_kind, wrong))
+    console.print(_failures("What is refused, or read, on purpose", wrong))
+    return sum(why(key) is None for found in (failures, wrong) for key in found["semmap"])
 
 
-def _passes(tests: list[Case], failures: dict[str, dict[str, str]]) -> Table:
-    table = Table("group", "tests", *ENGINES, title="SPARQL 1.1: tests passed")
+def _passes(
+    title: str, tests: Sequence[Case | SyntaxCase], failures: dict[str, dict[str, str]]
+) -> Table:
+    table = Table("group", "tests", *ENGINES, title=title)
+    keys = {case.key for case in tests}
+    failures = {
+        name: {k: v for k, v in found.items() if k in keys} for name, found in failures.items()
+    }
     groups = Counter(case.group for case in tests)
     for group, count in groups.items():
         failed = [
@@ -444,8 +449,8 @@ def _passes(tests: list[Case], failures: dict[str, dict[str, str]]) -> Table:
     return table
 
 
-def _failures(failures: dict[str, dict[str, str]]) -> Table:
-    table = Table("tests", "why", "rdflib", title="What the map fails", show_lines=True)
+def _failures(title: str, failures: dict[str, dict[str, str]]) -> Table:
+    table = Table("tests", "why", "rdflib", title=title, show_lines=True)
     shown: dict[tuple[str, str], list[str]] = {}
     for key, reason in failures["semmap"].items():
         beside = "fails, too" if key in failures["rdflib"] else "passes"

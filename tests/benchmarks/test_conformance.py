@@ -9,6 +9,7 @@ import psycopg
 import pytest
 
 from benchmarks.conformance import by_oxigraph, by_rdflib, by_semmap, cases, run
+from benchmarks.conformance_syntax import READERS, is_read, syntax_cases
 from semmap.knowledge.map_view import MapView
 from tests.conftest import MakeDatabase
 
@@ -74,3 +75,27 @@ def test_the_runner_tells_right_from_wrong(empty: psycopg.Connection, tmp_path: 
             wrong = case.name in ("wrong-rows", "not-added")
             assert run(case, engine) == ("another result" if wrong else ""), case.name
     assert MapView.of(empty).session.execute("SELECT count(*) FROM statement").fetchone() == (0,)
+
+
+TEXTS = """
+@prefix : <http://example.org/manifest#> .
+@prefix mf: <http://www.w3.org/2001/sw/DataAccess/tests/test-manifest#> .
+<> mf:entries (:read :not-refused :updated :refused :not-read :not-updated) .
+:read a mf:PositiveSyntaxTest11 ; mf:action <good.rq> .
+:not-refused a mf:NegativeSyntaxTest11 ; mf:action <good.rq> .
+:updated a mf:PositiveUpdateSyntaxTest11 ; mf:action <good.ru> .
+:refused a mf:NegativeSyntaxTest ; mf:action <bad.rq> .
+:not-read a mf:PositiveSyntaxTest ; mf:action <bad.rq> .
+:not-updated a mf:NegativeUpdateSyntaxTest11 ; mf:action <good.ru> .
+"""
+
+
+def test_texts_that_are_read_are_told_from_others(tmp_path: Path) -> None:
+    (tmp_path / "manifest.ttl").write_text(TEXTS)
+    (tmp_path / "good.rq").write_text("SELECT * { ?s <p> ?o }")
+    (tmp_path / "good.ru").write_text("INSERT DATA { <s> <p> 1 }")
+    (tmp_path / "bad.rq").write_text("SELECT { ?s <p> ?o }")
+    wrong = {"not-refused", "not-read", "not-updated"}
+    for reader in READERS.values():
+        found = {case.name for case in syntax_cases(tmp_path) if is_read(case, reader)}
+        assert found == wrong
