@@ -191,9 +191,7 @@ class Expressions:
         return Value.of_columns(form, columns)
 
     def _of_COALESCE(self, tree: Any, seen: Environment) -> Value:
-        if not (parts := _listed(tree.arg)):
-            return UNBOUND
-        form, values = self._unify([self.value(each, seen) for each in parts])
+        form, values = self._unify([self.value(each, seen) for each in tree.arg])
         columns = zip(*(value.columns() for value in values), strict=True)
         if form != "term":
             return Value.of_columns(form, (f"coalesce({', '.join(column)})" for column in columns))
