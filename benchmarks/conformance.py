@@ -1,8 +1,8 @@
 """The requirements of GeoSPARQL, and the W3C's tests of SPARQL beside rdflib and oxigraph.
 
 ``python -m benchmarks.conformance FOLDER`` runs all tests below a folder with manifests, such as
-``test/DAWG/data-sparql11`` in the source distribution of rdflib 6.0.0: the evaluation tests, and
-the texts to read and to refuse. It prints how many pass and why the others fail.
+``test/DAWG/data-sparql11`` in the source distribution of rdflib 6.0.0: the evaluation tests, the
+texts to read and to refuse, and the protocol. It prints how many pass and why the others fail.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from rich.table import Table
 import semmap
 from benchmarks.conformance_failures import why
 from benchmarks.conformance_manifest import MF, entries, file_of
+from benchmarks.conformance_protocol import CHECKS, protocol_client, protocol_tests
 from benchmarks.conformance_syntax import READERS, SyntaxCase, is_read, syntax_cases
 from benchmarks.geosparql import requirements_table, small_map
 from semmap import Database
@@ -416,6 +417,9 @@ def main(folder: Path) -> int:
             for name, engine in zip(ENGINES, engines, strict=True):
                 if reason := run(case, engine):
                     failures[name][case.key] = reason
+        requests = protocol_tests(folder)
+        with protocol_client(database, "empty") as client:
+            refused = [f"protocol/{name}" for name in requests if not CHECKS[name](client)]
     console.print(_passes("SPARQL 1.1: tests passed", tests, failures))
     console.print(_failures("What the map fails", failures))
     texts = list(syntax_cases(folder))
@@ -427,7 +431,8 @@ def main(folder: Path) -> int:
         of_kind = [case for case in texts if case.is_sparql == is_sparql]
         console.print(_passes(f"SPARQL 1.1: texts {kind}", of_kind, wrong))
     console.print(_failures("What is refused, or read, on purpose", wrong))
-    return sum(why(key) is None for found in (failures, wrong) for key in found["semmap"])
+    console.print(_protocol(len(requests), refused))
+    return sum(why(key) is None for key in (*failures["semmap"], *wrong["semmap"], *refused))
 
 
 def _passes(
@@ -458,6 +463,15 @@ def _failures(title: str, failures: dict[str, dict[str, str]]) -> Table:
     for (explanation, beside), keys in shown.items():
         more = f" and {len(keys) - 6} more" if len(keys) > 6 else ""
         table.add_row(", ".join(keys[:6]) + more, explanation, beside)
+    return table
+
+
+def _protocol(count: int, failed: list[str]) -> Table:
+    table = Table(
+        "test", "why", title=f"SPARQL 1.1 protocol: {count - len(failed)} of {count} pass"
+    )
+    for key in failed:
+        table.add_row(key, why(key) or "[red]not explained[/]")
     return table
 
 

@@ -8,7 +8,10 @@ from pathlib import Path
 import psycopg
 import pytest
 
+import semmap
 from benchmarks.conformance import by_oxigraph, by_rdflib, by_semmap, cases, run
+from benchmarks.conformance_failures import why
+from benchmarks.conformance_protocol import CHECKS, protocol_client
 from benchmarks.conformance_syntax import READERS, is_read, syntax_cases
 from semmap.knowledge.map_view import MapView
 from tests.conftest import MakeDatabase
@@ -99,3 +102,13 @@ def test_texts_that_are_read_are_told_from_others(tmp_path: Path) -> None:
     for reader in READERS.values():
         found = {case.name for case in syntax_cases(tmp_path) if is_read(case, reader)}
         assert found == wrong
+
+
+def test_the_endpoint_answers_as_the_protocol_asks(make_database: MakeDatabase) -> None:
+    url = make_database().render_as_string(hide_password=False)
+    with semmap.connect(url) as database:
+        database.create_map("flat")
+        with protocol_client(database, "flat") as client:
+            failed = [name for name, check in CHECKS.items() if not check(client)]
+    assert [name for name in failed if why(f"protocol/{name}") is None] == []
+    assert len(failed) < 2
