@@ -88,7 +88,7 @@ def _carry_out(view: MapView, request: Any, dataset: Chosen | None) -> tuple[int
             delete, where = request, _pattern_of(request)
         view.chosen = dataset or Chosen.by(request.using)
         if graph is not None and view.chosen is None:  # USING says more (Update, section 3.1.3)
-            where = CompValue("With", term=graph, p=where)
+            where = CompValue("Graph", term=graph, p=where)
         # Both templates are filled before anything is changed.
         gone = list(_instances(view, delete, where, graph))
         new = list(_instances(view, request.insert, where, graph))

@@ -16,6 +16,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.language.error import TOO_DEEP, QueryError
 from semmap.language.grammar import Form, read_syntax
+from semmap.language.named_graphs import require_graphs
 from semmap.language.normalise import NormalisedText, normalise
 from semmap.language.refusals import refuse_unsafe, refuse_unsupported
 from semmap.language.scopes import ScopeChecker
@@ -135,6 +136,7 @@ def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
         template = algebra.triples(tree.template) if tree.template else None
         whole = CompValue(tree.name, p=pattern, PV=names, template=template)
         whole = algebra.traverse(whole, visitPost=algebra.simplify)
+        require_graphs(whole)
     dataset = tuple(tree.datasetClause or ())
     return ParsedText(normalised, tree.name, whole, tuple(names), dataset=dataset)
 
@@ -149,7 +151,9 @@ def _requests(text: NormalisedText, tree: Any, prefixes: Prefixes) -> Iterator[A
         checker.check_request(request)
         request = algebra.traverse(request, visitPost=algebra._simplifyFilters)
         request = algebra.traverse(request, visitPost=algebra.translatePath)
-        yield algebra.translateUpdate1(request, prologue)
+        translated = algebra.translateUpdate1(request, prologue)
+        require_graphs(translated.where)
+        yield translated
 
 
 _AGGREGATES = "http://www.opengis.net/def/function/geosparql/agg"

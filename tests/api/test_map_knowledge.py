@@ -134,6 +134,20 @@ def test_answers_that_appear_and_disappear_are_followed(flat: semmap.Map) -> Non
         flat.watch_sparql("SELECT ?x {")
 
 
+@pytest.mark.parametrize(
+    ("pattern", "change"),
+    [
+        ("GRAPH <urn:new> { VALUES ?x { 1 } }", "appeared"),
+        ("GRAPH ?x {}", "appeared"),
+        ("VALUES ?x { 1 } FILTER NOT EXISTS { GRAPH <urn:new> {} }", "disappeared"),
+    ],
+)
+def test_a_graph_that_begins_is_noticed(flat: semmap.Map, pattern: str, change: str) -> None:
+    with flat.watch_sparql(f"SELECT ?x {{ {pattern} }}", seconds=20) as events:
+        flat.update("INSERT DATA { GRAPH <urn:new> { :table1 rel:of :ann } }")
+        assert next(iter(events)).what == change
+
+
 def test_a_variable_that_is_not_grouped_is_refused(flat: semmap.Map) -> None:
     query = "SELECT ?x (COUNT(?y) AS ?n) { ?x semmap:heldBy ?y }"
     reason = r"line 1, column \d+: \?x is neither grouped by nor aggregated"

@@ -225,14 +225,7 @@ class _Translator(TriplePatterns):
 
     def _rows_Graph(self, node: Any, scope: PatternScope) -> Rows:
         graph = self.part(node.term)
-        if isinstance(graph, Value):
-            rows = self._rows_With(node, scope)
-            if not _needs_a_triple(node.p):
-                anything: Any = [tuple(rdflib.Variable(name) for name in "spo")]
-                some = self.rows(CompValue("BGP", triples=anything), PatternScope(graph))
-                rows.where.append(f"EXISTS ({some.select(())})")
-            return rows
-        if _is_of_one_graph(node.p):
+        if isinstance(graph, Value) or _is_of_one_graph(node.p):
             return self.rows(node.p, replace(scope, graph=graph))
         # Each graph by itself: the pattern has parts that do not bind its name.
         rows = self._graphs(graph)
@@ -240,10 +233,6 @@ class _Translator(TriplePatterns):
         inner = scope.joined(rows.variables)
         rows.join(self.rows(node.p, replace(inner, graph=name)), self.namespace)
         return rows
-
-    def _rows_With(self, node: Any, scope: PatternScope) -> Rows:
-        """Match a pattern with a graph that may be empty."""
-        return self.rows(node.p, replace(scope, graph=self.part(node.term)))
 
     def _graphs(self, name: str) -> Rows:
         alias, graph = self.parameters.alias("q"), self.parameters.alias()
@@ -471,17 +460,6 @@ def _is_of_one_graph(node: Any) -> bool:
     return bool(node.triples) and not any(isinstance(verb, Path) for _, verb, _ in node.triples)
 
 
-def _needs_a_triple(node: Any) -> bool:
-    """Return whether a pattern has no solution in an empty graph, as far as its form tells."""
-    if node.name == "Join":
-        return any(_needs_a_triple(part) for part in (node.p1, node.p2))
-    if node.name in ("LeftJoin", "Minus"):
-        return _needs_a_triple(node.p1)
-    if node.name in ("Extend", "Filter"):
-        return _needs_a_triple(node.p)
-    return _is_of_one_graph(node)
-
-
 _PATTERNS = "p", "p1", "p2"
 _KEPT = {"Distinct", "Extend", "Filter", "OrderBy", "Reduced", "Slice", "ToMultiSet"}
 """What binds all that its pattern `p` binds."""
@@ -522,7 +500,7 @@ def _bound(node: Any) -> set[rdflib.Variable]:
         return _bound(node.p1) & _bound(node.p2)
     if node.name in ("LeftJoin", "Minus"):
         return _bound(node.p1)
-    if node.name in ("Graph", "With"):
+    if node.name == "Graph":
         return _bound(node.p) | ({node.term} if isinstance(node.term, rdflib.Variable) else set())
     if node.name in ("Project", "SelectQuery"):
         return _bound(node.p) & set(node.PV)
