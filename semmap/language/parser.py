@@ -177,7 +177,7 @@ def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
             return _innermost(part.expr)  # rdflib groups by None
         if getattr(part, "name", "") in _LISTS:
             operand = _LISTS[part.name]
-            if isinstance(getattr(part, operand), rdflib.URIRef):  # the grammar reads () so
+            if isinstance(getattr(part, operand), rdflib.URIRef):  # rdf:nil, for ()
                 part[operand] = []
         if getattr(part, "name", "") == "Filter" and not _innermost(part.expr):
             # rdflib drops a filter whose expression is falsy in Python: FILTER(false), FILTER(0)

@@ -1,4 +1,4 @@
-"""What the standard forbids beside its grammar is refused, and what is beside that is read."""
+"""Texts that the grammar has and the standard forbids are refused; similar ones are read."""
 
 from __future__ import annotations
 
@@ -137,12 +137,12 @@ def test_a_text_is_refused_with_place_and_reason(text: str, reason: str, form: F
 
 
 @pytest.mark.parametrize("text", READ_QUERIES)
-def test_a_query_beside_it_is_read(text: str) -> None:
+def test_a_similar_query_is_read(text: str) -> None:
     assert error_of(PREFIX + text, "query") is None
 
 
 @pytest.mark.parametrize("text", READ_UPDATES)
-def test_an_update_beside_it_is_read(text: str) -> None:
+def test_a_similar_update_is_read(text: str) -> None:
     assert error_of(PREFIX + text, "update") is None
 
 
