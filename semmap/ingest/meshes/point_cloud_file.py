@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh
 from semmap.ingest.georeference import frame_of, heights_into_frame, into_frame, scale_note
+from semmap.ingest.meshes.laz_points import laz_points
 from semmap.ingest.world import Entry, Shape, World, WorldError
 from semmap.limits import EXTENT, MESH_BYTES, TRIANGLES
 
@@ -83,8 +84,10 @@ def _read_las(path: Path, check: Check) -> tuple[Points, Any]:
         if file.header.are_points_compressed:
             _check_chunks(path, file.header.offset_to_point_data, file.header.point_count)
             _check_chunk_size(file.header)
-        crs = file.header.parse_crs()
-        return _all(np.asarray(file.read().xyz, float), file.header.point_count), crs
+            points = laz_points(path)
+        else:
+            points = np.asarray(file.read().xyz, float)
+        return _all(points, file.header.point_count), file.header.parse_crs()
 
 
 def _all(points: Points, stated: int) -> Points:
