@@ -38,7 +38,7 @@ soak:
 	@.venv/bin/python -m tests.soak
 	@SEMMAP_SOAK=600 .venv/bin/python -m pytest -q tests/fields/sources/test_manager.py \
 		tests/planner/mission/test_kills.py tests/planner/mission/test_claims.py \
-		tests/model/test_isolation.py
+		tests/model/test_isolation.py tests/schema/test_hostile_robot.py
 
 growth:
 	@scripts/setup test

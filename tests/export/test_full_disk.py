@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import resource
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -51,3 +53,27 @@ def test_a_full_disk_is_named_and_keeps_the_former_file(
     finally:
         filler.unlink(missing_ok=True)
         path.unlink()
+
+
+@contextmanager
+def small_files(most: int = 100) -> Iterator[None]:
+    """Let this process write no file beyond so many bytes, as a quota does."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_write_that_fails_keeps_the_former_file(
+    flat: semmap.Map, tmp_path: Path, name: str
+) -> None:
+    """Also where nobody can mount a disk; libraries say it by errors of their own."""
+    path = tmp_path / name
+    path.write_text("former")
+    with small_files(), pytest.raises(Exception, match=r"too large|EFBIG|sqlite|disk"):
+        WRITERS[name](flat, path)
+    assert path.read_text() == "former"
+    assert [each.name for each in tmp_path.iterdir()] == [name]

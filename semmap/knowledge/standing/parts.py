@@ -171,7 +171,7 @@ class QueryPart:
                     self.unlisted.add(name_of_variable(term))
 
     def holds(self, solution: Solution) -> bool | None:
-        """Return whether a solution meets all conditions; None where a term is no IRI."""
+        """Return whether a solution meets all conditions; None where a term is not an IRI."""
         met = True
         for name, equal, term in self.conditions:
             found = solution.get(name)
