@@ -76,9 +76,9 @@ audit:
 	@cat requirements/*.txt | sed '/^ /d; s/ \\$$//' | sort -u >build/audit/all.txt
 	@build/audit/bin/pip-audit --strict --disable-pip --no-deps -r build/audit/all.txt
 
-bench:
+bench:  # a peer needs another pandas than the locked one: the next call of scripts/setup installs that again
 	@scripts/setup test bench
-	@.venv/bin/python -m benchmarks
+	@.venv/bin/python -m benchmarks; ended=$$?; rm -f .venv/.setup-test .venv/.setup-dependencies .venv/.setup-bench; exit $$ended
 
 docs:
 	@scripts/setup docs
