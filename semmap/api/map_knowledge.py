@@ -133,8 +133,8 @@ class MapKnowledge(MapReasoning):
 
         Parameters
         ----------
-        path : its ending says the format: .ttl, .jsonld, .trig, .nt or .nq. Named graphs are
-            written to .trig, .nq and .jsonld
+        path : its ending says the format: .ttl, .jsonld, .trig, .nt, .nq, .rdf or .owl. Named
+            graphs are written to .trig, .nq and .jsonld
         inferences : with those of `reason`: in the graph ``urn:semmap:inferred``, or among all
             facts where the format has no graphs
 

@@ -123,7 +123,7 @@ def _export(call: MethodCall) -> None:
 @command_of("Map.import_rdf", path=None)
 def _import(
     call: MethodCall,
-    files: list[Path] = Argument(help="Endings: .ttl, .jsonld, .trig, .nt, .nq."),
+    files: list[Path] = Argument(help="Endings: .ttl, .jsonld, .trig, .nt, .nq, .rdf, .owl."),
     json_: Json = False,
 ) -> None:
     """Add the facts of RDF files to the map, each file as a whole or not at all."""

@@ -19,7 +19,7 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH, is_mapped
 from semmap.knowledge.reasoning.runs import refresh
 from semmap.knowledge.shacl import check_binding
-from semmap.knowledge.sparql.constants import Constants, tag_and_text
+from semmap.knowledge.sparql.constants import Constants, resolve, tag_and_text
 from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import (
     IRI,
@@ -38,11 +38,17 @@ from semmap.query.refusal import denied
 
 SKOLEM = "urn:semmap:blank:"  # blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)
 
-_ONCE = (
-    "map_id, predicate, graph, coalesce(subject_id, 0), coalesce(subject, ''), "
-    "coalesce(object_id, 0), md5(coalesce(object, '')), coalesce(tag, '')"
-)
-"""The index `statement_once`."""
+_STATE = """
+INSERT INTO statement (graph, subject_id, subject, predicate, object_id, object, tag, map_id, until)
+SELECT s.*, %s::integer, %s::timestamptz FROM unnest(
+    %s::text[], %s::bigint[], %s::text[], %s::text[], %s::bigint[], %s::text[], %s::text[]) s
+ON CONFLICT (map_id, predicate, graph, coalesce(subject_id, 0), coalesce(subject, ''),
+             coalesce(object_id, 0), md5(coalesce(object, '')), coalesce(tag, ''))
+DO UPDATE SET until = excluded.until, since = CASE
+    WHEN statement.until > statement_timestamp() THEN statement.since ELSE excluded.since END
+WHERE statement.until < coalesce(excluded.until, 'infinity')
+"""
+_BATCH = 10_000  # statements of one command
 
 
 class Fact(NamedTuple):
@@ -119,54 +125,73 @@ class FactWriter:
                 raise RefusedError("this graph has what follows from other facts only", fact)
         # Types first: they make the entities that other facts are about.
         facts.sort(key=lambda fact: str(fact.property) != f"{RDF}type")
-        added = 0
+        added, statements = 0, list[tuple[Fact, str]]()
         for fact in facts:
-            added += self._change(fact, self._insert_fact)
-        return added
+            iri = self._property_of(fact)
+            changed = self._insert_in_table(fact, iri)
+            if changed is None:
+                statements.append((fact, iri))
+            elif changed:
+                added += changed
+                self._touch(fact)
+        return added + self._insert_statements(statements)
 
     def delete(self, facts: Iterable[Fact]) -> int:
         """Remove facts; return how many there were."""
-        return sum(self._change(fact, self._delete_fact) for fact in self._resolved(facts))
+        removed = 0
+        for fact in self._resolved(facts):
+            if changed := self._delete_fact(fact, self._property_of(fact)):
+                removed += changed
+                self._touch(fact)
+        return removed
 
     def _resolved(self, facts: Iterable[Fact]) -> list[Fact]:
         found = list(dict.fromkeys(facts))
-        self._constants = self._view.constants(fact[:3] for fact in found)
+        iris = {str(t) for fact in found for t in fact[:3] if isinstance(t, rdflib.URIRef)}
+        view = self._view
+        self._constants = resolve(view.session, iris, view.namespace, view.number)
         return found
 
-    def _change(self, fact: Fact, change: Callable[[Fact, str], int]) -> int:
+    def _property_of(self, fact: Fact) -> str:
         if isinstance(fact.subject, rdflib.Literal) or not isinstance(fact.property, rdflib.URIRef):
             raise RefusedError("the subject is a literal, or the property is not an IRI", fact)
         self._view.check_time()
-        iri = self._constants.property(str(fact.property))
-        changed = change(fact, iri)
-        if changed:
-            self._view.touched |= {fact.subject, fact.object}
-        return changed
+        return self._constants.property(str(fact.property))
 
-    def _insert_fact(self, fact: Fact, iri: str) -> int:
-        if fact.graph is None:
-            if iri == f"{RDF}type" and self._type(fact) is not None:
-                self._refuse_end(fact)
-                return self._set_type(fact)
-            if iri == f"{RDF}type":
-                for sentence in unknown_names(self._view, self._constants, [fact.object]):
-                    raise RefusedError(sentence, fact)
-            table = self._table(fact, iri)
-            if table is not None:
-                self._refuse_end(fact)
-                values = table.values(self, fact, iri)
-                return sum(self._execute(sql, values) for sql in table.insert)
-            self._refuse_mapped(fact, iri)
-        return self._execute(
-            "INSERT INTO statement (map_id, graph, subject_id, subject, predicate, object_id, "
-            "object, tag, until) VALUES (%(map)s, %(graph)s, %(subject_id)s, %(subject)s, "
-            "%(predicate)s, %(object_id)s, %(object)s, %(tag)s, %(until)s) "
-            f"ON CONFLICT ({_ONCE}) DO UPDATE SET until = excluded.until, since = CASE "
-            "WHEN statement.until > statement_timestamp() THEN statement.since "
-            "ELSE excluded.since END "
-            "WHERE statement.until < coalesce(excluded.until, 'infinity')",
-            self._columns(fact, iri),
-        )
+    def _touch(self, fact: Fact) -> None:
+        self._view.touched |= {fact.subject, fact.object}
+
+    def _insert_in_table(self, fact: Fact, iri: str) -> int | None:
+        """Add a fact to the table that has columns for it; None: it is a statement."""
+        if fact.graph is not None:
+            return None
+        if iri == f"{RDF}type" and self._type(fact) is not None:
+            self._refuse_end(fact)
+            return self._set_type(fact)
+        if iri == f"{RDF}type":
+            for sentence in unknown_names(self._view, self._constants, [fact.object]):
+                raise RefusedError(sentence, fact)
+        table = self._table(fact, iri)
+        if table is not None:
+            self._refuse_end(fact)
+            values = table.values(self, fact, iri)
+            return sum(self._execute(sql, values) for sql in table.insert)
+        self._refuse_mapped(fact, iri)
+        return None
+
+    def _insert_statements(self, statements: list[tuple[Fact, str]]) -> int:
+        """Add statements, many in one command; return how many are new or end later."""
+        added = 0
+        for first in range(0, len(statements), _BATCH):
+            self._view.check_time()
+            some = statements[first : first + _BATCH]
+            rows = {tuple(self._columns(fact, iri).values()): fact for fact, iri in some}
+            columns = [list(column) for column in zip(*rows, strict=True)]
+            found = self._view.session.execute(_STATE, [self._view.number, self._until, *columns])
+            if found.rowcount:
+                added += found.rowcount
+                self._view.touched.update(*((f.subject, f.object) for f in rows.values()))
+        return added
 
     def _delete_fact(self, fact: Fact, iri: str) -> int:
         if fact.graph is None:
@@ -186,7 +211,7 @@ class FactWriter:
             "AND subject IS NOT DISTINCT FROM %(subject)s "
             "AND object_id IS NOT DISTINCT FROM %(object_id)s "
             "AND object IS NOT DISTINCT FROM %(object)s AND tag IS NOT DISTINCT FROM %(tag)s",
-            self._columns(fact, iri),
+            {"map": self._view.number, **self._columns(fact, iri)},
         )
 
     def _table(self, fact: Fact, iri: str) -> _Table | None:
@@ -249,7 +274,6 @@ class FactWriter:
         if iri == f"{RDF}type" and (type_ := self._type(fact)) is not None:
             object_, text, tag = None, self._type_iri(type_), "I"
         return {
-            "map": self._view.number,
             "graph": "" if fact.graph is None else str(fact.graph),
             "subject_id": subject,
             "subject": None if subject is not None else self._iri(fact.subject),
@@ -257,7 +281,6 @@ class FactWriter:
             "object_id": object_,
             "object": None if object_ is not None else text,
             "tag": None if object_ is not None else tag,
-            "until": self._until,
         }
 
     def _known(self, term: Any, fact: Fact) -> int:

@@ -455,12 +455,12 @@ COMPUTED: tuple[Computed, ...] = (
 )
 """Relations of surfaces (SQL functions): near is 1 m at most, sides are those of the object."""
 
-_MAPPED = frozenset(t.property for t in TRIPLES if t.name is None and not t.shared)
+_SHARED = frozenset(t.property for t in TRIPLES if t.shared)
+_MAPPED = frozenset(t.property for t in TRIPLES if t.name is None)
 _NAMED = frozenset(t.property for t in REWRITTEN) | {c.property for c in COMPUTED}
+_OWN = (_MAPPED | _NAMED) - _SHARED
 
 
 def is_mapped(iri: str) -> bool:
     """Return whether a property has columns of its own, so that no statement may have it."""
-    shared = any(t.property == iri for t in TRIPLES if t.shared)
-    spaces = iri.startswith((PROPERTY, RELATION))
-    return not shared and (iri in _MAPPED or iri in _NAMED or spaces)
+    return iri in _OWN or iri.startswith((PROPERTY, RELATION))

@@ -1,26 +1,39 @@
-"""RDF files: Turtle, JSON-LD, TriG, N-Triples and N-Quads."""
+"""RDF files: Turtle, JSON-LD, TriG, N-Triples, N-Quads and RDF/XML."""
 
 from __future__ import annotations
 
-import json
+import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pyoxigraph
 import rdflib
 
 from semmap.ingest.text_file import read_text
 from semmap.ingest.world import WorldError
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError, with_consequences
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.mapping import INFERRED_GRAPH
+from semmap.knowledge.mapping import INFERRED_GRAPH, TRIPLES
 from semmap.knowledge.queries import limited
 from semmap.knowledge.shacl import BrokenShapeError
 from semmap.knowledge.sparql.kept_queries import Session
-from semmap.knowledge.whole_graph import facts as stored_facts
-from semmap.knowledge.whole_graph import without_warnings
+from semmap.knowledge.vocabulary import XSD
+from semmap.knowledge.whole_graph import RDF_FORMATS, facts_of
+from semmap.limits import TEXT_BYTES
 
-FORMATS = {".ttl": "turtle", ".jsonld": "json-ld", ".trig": "trig", ".nt": "nt", ".nq": "nquads"}
+FORMATS = {
+    ".ttl": "turtle",
+    ".jsonld": "json-ld",
+    ".trig": "trig",
+    ".nt": "nt",
+    ".nq": "nquads",
+    ".rdf": "xml",
+    ".owl": "xml",
+}
 """Endings of files, with rdflib's names of their formats."""
+
+_STRING = f"{XSD}string"
 
 
 def format_of(path: Path) -> str:
@@ -38,51 +51,47 @@ def read_facts(path: Path, format_: str) -> list[Fact]:
 
 def parse_facts(text: str, format_: str, source: Path) -> list[Fact]:
     """Return the facts of a text; blank nodes are those of the text."""
-    if format_ == "json-ld":
-        _refuse_remote_context(text, source)
-    dataset = rdflib.Dataset()
+    if format_ == "xml":
+        _refuse_blow_up(text, source)
     try:
-        with without_warnings():
-            dataset.parse(data=text, format=format_)
-            quads = list(dataset.quads())
-    except Exception as error:  # rdflib's parsers raise anything on broken text
+        quads = pyoxigraph.parse(text, format=RDF_FORMATS[format_])
+        return [Fact(*map(_term, quad)) for quad in quads]
+    except (SyntaxError, ValueError, RecursionError) as error:
         raise WorldError(
             source, "file", f"is not {format_}: {str(error)[:300]}", "Fix its syntax."
         ) from error
-    default = rdflib.graph.DATASET_DEFAULT_GRAPH_ID
-    return [
-        Fact(s, p, o, None if graph is None or graph == default else graph)
-        for s, p, o, graph in quads
-    ]
 
 
-def _refuse_remote_context(text: str, source: Path) -> None:
-    """Refuse JSON-LD whose context is on another server, or in another file."""
-    try:
-        stack = [json.loads(text)]
-    except (ValueError, RecursionError) as error:
-        raise WorldError(source, "file", f"is not JSON: {error}", "Fix its syntax.") from error
-    while stack:
-        part: Any = stack.pop()
-        if isinstance(part, dict):
-            contexts = part.get("@context", ())
-            contexts = contexts if isinstance(contexts, list) else [contexts]
-            if any(
-                isinstance(c, str) or (isinstance(c, dict) and "@import" in c) for c in contexts
-            ):
-                raise WorldError(
-                    source, "@context", "names another document", "Write the context into the file."
-                )
-            stack += part.values()
-        elif isinstance(part, list):
-            stack += part
+_ENTITY = re.compile(r'<!ENTITY\s+[^\s%]+\s+"([^"&]*)"')
 
 
-def _read(term: Any) -> Any:
-    """Return a term as rdflib reads it from a file: numbers and times in their usual notation."""
-    if isinstance(term, rdflib.Literal) and term.datatype is not None:
-        return rdflib.Literal(str(term), datatype=term.datatype)
-    return term
+def _refuse_blow_up(text: str, source: Path) -> None:
+    """Refuse XML whose entities stand for others, or for more than a file may have."""
+    values = _ENTITY.findall(text)
+    if len(values) < text.count("<!ENTITY"):
+        problem = "declares an entity by another one, or from elsewhere"
+        raise WorldError(source, "DOCTYPE", problem, "Write out what the entities stand for.")
+    grown = max(map(len, values), default=0) * text.count("&")
+    where = partial(WorldError, source, "DOCTYPE")
+    TEXT_BYTES.check(grown, where, "Write out what the entities stand for.")
+
+
+def _term(term: Any) -> Any:
+    """Return a term of a file as one of rdflib, as it is written there; None: default graph."""
+    if isinstance(term, pyoxigraph.NamedNode):
+        return rdflib.URIRef(term.value)
+    if isinstance(term, pyoxigraph.Literal):
+        if term.language:
+            return rdflib.Literal(term.value, lang=term.language)
+        type_ = term.datatype.value
+        if type_ == _STRING:
+            return rdflib.Literal(term.value)
+        return rdflib.Literal(term.value, datatype=type_, normalize=False)
+    if isinstance(term, pyoxigraph.BlankNode):
+        return rdflib.BNode(term.value)
+    if isinstance(term, pyoxigraph.DefaultGraph):
+        return None
+    raise ValueError("a triple is the object of another one, which RDF 1.1 does not have")
 
 
 def store_facts(session: Session, facts: list[Fact], source: Path) -> int:
@@ -93,7 +102,9 @@ def store_facts(session: Session, facts: list[Fact], source: Path) -> int:
     with limited(session, None):
         try:
             # What the map has already may follow from other data, which is not stated.
-            known = {Fact(s, p, _read(o), g) for s, p, o, g in stored_facts(session)}
+            named = {str(fact.property) for fact in facts if fact.graph is None}
+            mapped = [t for t in TRIPLES if t.property in named or t.name is not None]
+            known = {Fact(*each) for each in facts_of(session, mapped)}
             told = (fact for fact in facts if str(fact.graph) != INFERRED_GRAPH)
             new = [fact for fact in told if fact not in known]
             view = MapView.of(session)

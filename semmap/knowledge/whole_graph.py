@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from typing import Any, TypeVar
 
+import pyoxigraph
 import rdflib
-from rdflib.plugins.serializers.trig import TrigSerializer
-from rdflib.plugins.serializers.turtle import TurtleSerializer
+from pyoxigraph import RdfFormat
 
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERENCES, INFERRED_GRAPH, STATEMENTS, TRIPLES
@@ -24,9 +23,14 @@ Graph = TypeVar("Graph", bound=rdflib.Graph)
 
 def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, Any, Any, Any]]:
     """Yield subject, property, object and graph of each fact; None is the default graph."""
+    return facts_of(session, (*TRIPLES, *STATEMENTS, *(INFERENCES if inferences else ())))
+
+
+def facts_of(session: Session, triples: Iterable[TripleMap]) -> Iterator[tuple[Any, Any, Any, Any]]:
+    """Yield the facts of triple maps."""
     view = MapView.of(session)
     parameters = {"namespace": view.namespace, "map": view.number}
-    for triple in (*TRIPLES, *STATEMENTS, *(INFERENCES if inferences else ())):
+    for triple in triples:
         sql = triple_query(triple)
         with session.cursor() as cursor:
             for row in cursor.execute(sql.encode(), parameters, prepare=False):
@@ -71,43 +75,54 @@ def has_graphs(format_: str) -> bool:
 
 
 def serialized(graph: rdflib.Graph, format_: str) -> str:
-    """Return a graph as text, in a format by rdflib's name.
+    """Return a graph as text, in a format of `RDF_FORMATS`.
 
-    Of a dataset, Turtle and N-Triples have the default graph and the inferences, without other
-    named graphs.
+    Of a dataset, formats without named graphs have the default graph and the inferences.
     """
-    if isinstance(graph, rdflib.Dataset) and not has_graphs(format_):
-        for triple in graph.graph(INFERRED_GRAPH):
-            graph.default_graph.add(triple)
-        graph = graph.default_graph
+    space = {prefix: str(iri) for prefix, iri in graph.namespaces()}
+    quads: set[tuple[Any, ...]]
     with without_warnings():
-        exact = _EXACT.get(format_)
-        if exact is None:
-            return str(graph.serialize(format=format_))
-        text = BytesIO()
-        exact(graph).serialize(text, encoding="utf-8")
-        return text.getvalue().decode()
+        if not isinstance(graph, rdflib.Dataset):
+            quads = {(*triple, None) for triple in graph}
+        elif has_graphs(format_):
+            default = rdflib.graph.DATASET_DEFAULT_GRAPH_ID
+            quads = {(s, p, o, None if g == default else g) for s, p, o, g in graph.quads()}
+        else:
+            inferred = graph.graph(INFERRED_GRAPH)
+            quads = {(*triple, None) for part in (graph.default_graph, inferred) for triple in part}
+    in_order = sorted(
+        quads, key=lambda quad: [each.n3() if each else "" for each in quad[-1:] + quad]
+    )
+    written = (pyoxigraph.Quad(*map(_written, quad)) for quad in in_order)
+    text = pyoxigraph.serialize(written, format=RDF_FORMATS[format_], prefixes=space)
+    assert text is not None
+    return text.decode()
 
 
-class _Exact:
-    """Writes doubles as they are: rdflib rounds them to seven digits."""
-
-    def label(self, node: Any, position: int) -> str:
-        """Return a term as Turtle."""
-        if isinstance(node, rdflib.Literal) and node.datatype == rdflib.XSD.double:
-            return str(node.n3(self.store.namespace_manager))  # type: ignore[attr-defined]
-        return str(super().label(node, position))  # type: ignore[misc]
-
-
-class _ExactTurtle(_Exact, TurtleSerializer):
-    pass
+RDF_FORMATS = {
+    "turtle": RdfFormat.TURTLE,
+    "json-ld": RdfFormat.JSON_LD,
+    "trig": RdfFormat.TRIG,
+    "nt": RdfFormat.N_TRIPLES,
+    "nquads": RdfFormat.N_QUADS,
+    "n3": RdfFormat.N3,
+    "xml": RdfFormat.RDF_XML,
+}
+"""By rdflib's names."""
 
 
-class _ExactTrig(_Exact, TrigSerializer):
-    pass
-
-
-_EXACT: dict[str, Any] = {"turtle": _ExactTurtle, "trig": _ExactTrig}
+def _written(term: Any) -> Any:
+    """Return a term as pyoxigraph writes it."""
+    if term is None:
+        return pyoxigraph.DefaultGraph()
+    if isinstance(term, rdflib.BNode):
+        return pyoxigraph.BlankNode(str(term))
+    if isinstance(term, rdflib.URIRef):
+        return pyoxigraph.NamedNode(str(term))
+    if term.language:
+        return pyoxigraph.Literal(str(term), language=term.language)
+    datatype = term.datatype and pyoxigraph.NamedNode(str(term.datatype))
+    return pyoxigraph.Literal(str(term), datatype=datatype)
 
 
 def triple_query(triple: TripleMap) -> str:

@@ -40,6 +40,7 @@ GRAPH_FORMATS = {
     "text/turtle": "turtle",
     "application/n-triples": "nt",
     "application/ld+json": "json-ld",
+    "application/rdf+xml": "xml",
     "application/trig": "trig",
     "application/n-quads": "nquads",
 }
@@ -81,7 +82,7 @@ class SparqlEndpoint:
             answer = query(session, text, seconds=self._seconds, rows=self._rows, dataset=dataset)
         accept = request.headers.get("accept", "*/*")
         if answer.graph is not None:
-            kind = _chosen(accept, {k: GRAPH_FORMATS[k] for k in list(GRAPH_FORMATS)[:3]})
+            kind = _chosen(accept, {k: GRAPH_FORMATS[k] for k in list(GRAPH_FORMATS)[:4]})
             return Response(serialized(answer.graph, GRAPH_FORMATS[kind]), media_type=kind)
         kind = _chosen(accept, RESULT_FORMATS if answer.form == "SELECT" else TRUTH_FORMATS)
         return Response(RESULT_FORMATS[kind](answer), media_type=kind)

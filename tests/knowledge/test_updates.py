@@ -15,7 +15,7 @@ from semmap.knowledge import KnowledgeError
 from semmap.knowledge.queries import query
 from semmap.knowledge.rdf_file import parse_facts, store_facts
 from semmap.knowledge.updates import update
-from semmap.knowledge.whole_graph import dump, serialized
+from semmap.knowledge.whole_graph import RDF_FORMATS, dump, serialized
 from semmap.language.error import QueryError
 
 EX = "PREFIX ex: <http://example.org/> "
@@ -161,7 +161,7 @@ def test_changes_are_in_the_change_feed(changing: psycopg.Connection) -> None:
     assert rows == [("statement", [bob]), ("statement", [bob])]
 
 
-@pytest.mark.parametrize("format_", ["turtle", "trig", "json-ld"])
+@pytest.mark.parametrize("format_", RDF_FORMATS)
 def test_what_is_written_is_read_again_without_a_change(
     changing: psycopg.Connection, format_: str
 ) -> None:
@@ -188,6 +188,20 @@ def test_a_stored_graph_that_no_iri_names_is_written_and_dropped(
     assert update(changing, EX + "DROP GRAPH ex:h").removed == 1
 
 
+def _xml(declared: str, text: str) -> str:
+    return (
+        f"<!DOCTYPE r [ {declared} ]><r:RDF xmlns:r='http://www.w3.org/1999/02/22-rdf-syntax-ns#' "
+        f"xmlns='http://e/'><r:Description r:about='http://e/x'><p>{text}</p></r:Description></r:RDF>"
+    )
+
+
+def test_xml_may_name_its_namespaces_by_entities(changing: psycopg.Connection) -> None:
+    text = _xml('<!ENTITY name "http://e/"> <!ENTITY own "x#">', "&name;a &amp; &own;b &#65;")
+    (fact,) = parse_facts(text, "xml", Path("a.owl"))
+    assert str(fact.object) == "http://e/a & x#b A"
+    assert store_facts(changing, [fact], Path("a.owl")) == 1
+
+
 def test_files_of_strangers(changing: psycopg.Connection) -> None:
     text = "@prefix : <urn:semmap:map:loft#> . :bob <http://example.org/owns> [ :size 3 ] ."
     assert store_facts(changing, parse_facts(text, "turtle", Path("a.ttl")), Path("a.ttl")) == 2
@@ -196,6 +210,11 @@ def test_files_of_strangers(changing: psycopg.Connection) -> None:
         ("@prefix", "turtle"),
         ('{"@context": "http://a/b"}', "json-ld"),
         ("{", "json-ld"),
+        ("<relative> <http://a/b> 1 .", "turtle"),
+        ("<http://a/b> <http://a/c> <<( <http://a/d> <http://a/e> 1 )>> .", "turtle"),
+        (_xml('<!ENTITY a "xyz"> <!ENTITY b "&a;&a;">', "&b;"), "xml"),
+        (_xml('<!ENTITY b SYSTEM "file:///etc/passwd">', "&b;"), "xml"),
+        (_xml(f'<!ENTITY b "{"long" * 5000}">', "&b;" * 5000), "xml"),
     ):
         with pytest.raises(WorldError):
             parse_facts(wrong, format_, Path("a"))
