@@ -4,9 +4,10 @@
     python -m tests.soak --kills 10 --seed 3 --world rooms.geojson --world house.sdf
 
 Writers count their moves, two importers replace one version of a map by another, a mirror stores
-itself, a service keeps what a source sees, a poller stores a cursor, and readers look for a state
-that contradicts itself. The exit status is 1 if anything that was committed is gone, half done or
-wrong.
+itself, a service keeps what a source sees and plays a recording, a poller stores a cursor, and
+readers look for a state that contradicts itself. Facts are stated by SPARQL and by HTTP, and a
+standing query follows them. The exit status is 1 if anything that was committed is gone, half done
+or wrong.
 """
 
 from __future__ import annotations

@@ -20,11 +20,9 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-import psycopg
 from sqlalchemy import Engine
-from sqlalchemy.exc import DBAPIError
 
-from semmap.database import Cluster, DatabaseError, open_engine
+from semmap.database import Cluster
 from semmap.database.maps import see_map
 from semmap.fields.service.client import socket_of
 from semmap.fields.service.server import serving
@@ -34,33 +32,27 @@ from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from semmap.query.entity_query import changes_since
 from tests.consistency import POSES
+from tests.soak.for_ever import LOST, for_ever
 from tests.soak.invariants import last_line, url_of
 from tests.soak.kept_span import kept_span
+from tests.soak.statements import follower, http_server, http_writer, stater
 
 COUNTED = "steps"
 """The property in which a writer counts its transactions."""
 
+RECORDED = "\n".join(
+    json.dumps(
+        {
+            "time": f"2026-01-31T12:00:{second:02}Z",
+            "poses": {"guide": {"from": (2.0, second, 1.6), "to": (3.0, 3.0, 1.0)}},
+        }
+    )
+    for second in range(3)
+)
+"""A recording of a person who looks around."""
+
 IMPORTED = "imported"
 """The map that importers write."""
-
-LOST = (psycopg.Error, DBAPIError, DatabaseError)
-
-
-def for_ever(cluster: Cluster, work: Callable[[Engine], None]) -> None:
-    """Repeat some work, and connect again where the server or the transaction was lost."""
-    while True:
-        try:
-            engine = open_engine(cluster, migrate=False)
-        except LOST:
-            time.sleep(0.05)
-            continue
-        try:
-            while True:
-                work(engine)
-        except LOST:
-            time.sleep(0.02)
-        finally:
-            engine.dispose()
 
 
 def writer(cluster: Cluster, state: Path, *entities: str) -> None:
@@ -137,9 +129,14 @@ def mirror(cluster: Cluster, state: Path, map_name: str) -> None:
 
 
 def service(cluster: Cluster, state: Path, map_name: str) -> None:
-    """Serve the fields of a map with a person who looks around; store which look was kept."""
+    """Serve the fields of a map with a person who looks around; store which look was kept.
+
+    The looks of another person are a recording, over and over.
+    """
+    (state / "recorded.jsonl").write_text(RECORDED)
     gaze = SourceSettings("gaze", "gaze")
-    settings = ServiceSettings((gaze,), save_every=1.0, keep_every=0.2, keep_for=60.0)
+    recorded = SourceSettings("recorded", "gaze", {"recording": str(state), "loop": True})
+    settings = ServiceSettings((gaze, recorded), save_every=1.0, keep_every=0.2, keep_for=60.0)
 
     def work(engine: Engine) -> None:
         fields = FieldService(engine, map_name, settings=settings)
@@ -173,7 +170,11 @@ def reader(cluster: Cluster, state: Path) -> None:
 
 
 ACTORS: dict[str, Callable[..., None]] = {
-    each.__name__: each for each in (writer, importer, poller, mirror, service, reader)
+    each.__name__: each
+    for each in (
+        *(writer, importer, poller, mirror, service, reader),
+        *(stater, http_server, http_writer, follower),
+    )
 }
 
 if __name__ == "__main__":

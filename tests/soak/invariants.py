@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import psycopg
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine
 
+import semmap
 from semmap.database.maps import see_map
 from semmap.fields.service.client import find_service
 from semmap.fields.store.names import read_map_vocabulary
@@ -47,6 +49,9 @@ NEVER = {
     ),
 }
 """Queries that return no row."""
+
+STATED = "SELECT ?s ?n { ?s <urn:soak:count> ?n }"
+"""The numbers that were stated, one of each entity."""
 
 
 def last_line(file: Path) -> str:
@@ -123,9 +128,51 @@ def wrong_service(engine: Engine, map_name: str, file: Path) -> list[str]:
         with find_service(url_of(engine), map_name) as found:
             if found is not None:
                 found.ask("query", text="PREFIX : <urn:semmap:ontology#> ASK { :visitor :sees ?o }")
+                if "recorded" not in {each["name"] for each in found.ask("sources")}:
+                    wrong.append("the service plays its recording no longer")
     except (ConnectionError, ValueError) as error:
         wrong.append(f"the service answers: {error}")
     return wrong
+
+
+def stated_numbers(engine: Engine, map_name: str) -> set[tuple[str, int]]:
+    """The entities of a map with the numbers that are stated of them."""
+    with semmap.connect(url_of(engine)) as db:
+        return {(str(s), int(n)) for s, n in db.map(map_name).sparql(STATED)}
+
+
+def wrong_statements(engine: Engine, map_name: str, state: Path) -> list[str]:
+    """The numbers that were acknowledged and are not stated, or are beside a former one."""
+    acknowledged = {
+        file.name.partition("-")[2]: int(last_line(file) or 0) for file in state.glob("stated-*")
+    }
+    stated = stated_numbers(engine, map_name)
+    wrong = []
+    for name, least in acknowledged.items():
+        numbers = [number for entity, number in stated if entity == name]
+        if least and (len(numbers) != 1 or numbers[0] < least):
+            wrong.append(f"{name}: {least} was stated, {numbers} is there")
+    return wrong
+
+
+def wrong_follower(engine: Engine, map_name: str, file: Path, most: float = 30.0) -> list[str]:
+    """Return how a follower differs from a new query, once nothing changes any more.
+
+    Parameters
+    ----------
+    file : the answers of the follower
+    most : seconds that it has to catch up
+    """
+    begin = time.monotonic()
+    while True:
+        stated = stated_numbers(engine, map_name)
+        found = json.loads(file.read_text()) if file.exists() else {"count": -1, "seen": []}
+        ended = {tuple(each) for each in found["seen"]} - stated
+        if found["count"] == len(stated) and not ended:
+            return []
+        if time.monotonic() > begin + most:
+            return [f"a follower has {found} where a new query has {sorted(stated)}"]
+        time.sleep(0.1)
 
 
 def wrong_cursors(connection: psycopg.Connection[Any], file: Path) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -28,8 +29,10 @@ from tests.soak.invariants import (
     url_of,
     violations,
     wrong_cursors,
+    wrong_follower,
     wrong_mirror,
     wrong_service,
+    wrong_statements,
 )
 from tests.soak.power import copy_pages, cut, log_position, small_buffers
 
@@ -37,6 +40,9 @@ ROOT = Path(__file__).parents[2]
 OFFICE = [ROOT / "examples/office" / name for name in ("office_rooms.geojson", "office.sdf")]
 MIRRORED = "soaked"
 """The map that writers change and the mirror follows."""
+
+STATERS = "stater", "http_writer"
+"""The actors whose numbers the follower follows."""
 
 THREADS = 10
 """Writers in one process."""
@@ -74,6 +80,7 @@ class Soak:
         self.longest = 0.0
         self.moves = 0
         self._actors: list[Actor] = []
+        self._stated: Sequence[str] = ()
         self._versions: set[str] = set()
         self._before: list[str] = []
         self._draw = Random(seed)
@@ -90,14 +97,17 @@ class Soak:
                 self._versions.add(signature(connection, IMPORTED))
         with engine.connect() as connection:
             chosen = connection.exec_driver_sql(
-                "SELECT e.id FROM entity e JOIN map m ON m.id = e.map_id AND m.name = %s "
+                "SELECT e.id, e.name FROM entity e JOIN map m ON m.id = e.map_id AND m.name = %s "
                 "JOIN placement p ON p.entity_id = e.id WHERE e.kind = 'object' "
                 "ORDER BY p.relation = 'on' DESC, e.id LIMIT %s",
                 (MIRRORED, writers),
             )
-            entities = chosen.scalars().all()
+            entities, names = zip(*chosen, strict=True)
         engine.dispose()
         self._before = self._check()
+        self._stated = names[:2]
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
         self._actors = [
             *(Actor("writer", entities[i : i + THREADS]) for i in range(0, len(entities), THREADS)),
             Actor("importer", files),
@@ -105,6 +115,10 @@ class Soak:
             Actor("poller", ()),
             Actor("mirror", (MIRRORED,)),
             Actor("service", (MIRRORED,)),
+            Actor("stater", (MIRRORED, names[0])),
+            Actor("http_server", (port,)),
+            Actor("http_writer", (MIRRORED, names[1], port)),
+            Actor("follower", (MIRRORED,)),
             *(Actor("reader", ()) for _ in range(readers)),
         ]
         for actor in self._actors:
@@ -129,11 +143,15 @@ class Soak:
         self.longest = max(self.longest, time.monotonic() - start)
         found = violations(engine, self.state, IMPORTED, self._versions)
         found += wrong_service(engine, MIRRORED, self.state / "service")
+        found += wrong_statements(engine, MIRRORED, self.state)
+        if actor is not None:
+            self._start(actor)
+        if name in ("server", "follower"):
+            with self._paused(STATERS):
+                found += wrong_follower(engine, MIRRORED, self.state / "follower")
         engine.dispose()
         found += self._ended()
         self.wrong += [f"after the kill of the {name}: {each}" for each in found]
-        if actor is not None:
-            self._start(actor)
         return f"{name}: {'; '.join(found) or 'ok'}"
 
     def use_small_buffers(self) -> None:
@@ -165,26 +183,31 @@ class Soak:
         self.killed["power"] += 1
         engine = open_engine(self.cluster, migrate=False)
         found = violations(engine, self.state, IMPORTED, self._versions) + self._ended()
+        found += wrong_statements(engine, MIRRORED, self.state)
         engine.dispose()
         self.wrong += [f"after a power cut: {each}" for each in found]
         return f"power, {torn} pages torn: {'; '.join(found) or 'ok'}"
 
     @contextmanager
-    def _paused(self) -> Iterator[None]:
-        """Stop all processes, so that none has an answer of the server that is not stored."""
-        for actor in self._actors:
-            if actor.process is not None:
-                actor.process.send_signal(signal.SIGSTOP)
+    def _paused(self, names: Sequence[str] = ()) -> Iterator[None]:
+        """Stop processes, by default all: none has an answer of the server that is not stored."""
+        chosen = [each for each in self._actors if not names or each.name in names]
+        stopped = [each.process for each in chosen if each.process is not None]
+        for process in stopped:
+            process.send_signal(signal.SIGSTOP)
         time.sleep(0.05)
         yield
-        for actor in self._actors:
-            if actor.process is not None:
-                actor.process.send_signal(signal.SIGCONT)
+        for process in stopped:
+            process.send_signal(signal.SIGCONT)
 
     def finish(self) -> None:
         """End all processes, and check what they stored."""
         self._wait_for_writes()
         self.wrong += self._ended()
+        with self._paused(STATERS):
+            engine = open_engine(self.cluster, migrate=False)
+            self.wrong += wrong_follower(engine, MIRRORED, self.state / "follower")
+            engine.dispose()
         self.close()
         self.moves = sum(int(last_line(file) or 0) for file in self.state.glob("writer-*"))
         self.wrong += self.look()
@@ -197,6 +220,7 @@ class Soak:
         wrong = violations(engine, self.state, IMPORTED, self._versions)
         wrong += wrong_mirror(engine, MIRRORED)
         wrong += wrong_service(engine, MIRRORED, self.state / "service")
+        wrong += wrong_statements(engine, MIRRORED, self.state)
         with psycopg.connect(url_of(engine), options="-c search_path=semmap,public") as connection:
             wrong += wrong_cursors(connection, self.state / "poller")
         engine.dispose()
@@ -249,11 +273,12 @@ class Soak:
         """Until each process had its time to work."""
         deadline = time.monotonic() + 120
         before = {file: last_line(file) for file in self.state.glob("writer-*")}
-        others = [self.state / "poller", self.state / "service"]
+        others = [self.state / name for name in ("poller", "service", "follower")]
+        others += [self.state / f"stated-{name}" for name in self._stated]
         while not all(file.exists() for file in others) or not any(
             last_line(file) != before.get(file) for file in self.state.glob("writer-*")
         ):
-            assert time.monotonic() < deadline, "no writer, poller or service comes to work"
+            assert time.monotonic() < deadline, "an actor does not come to work"
             time.sleep(0.1)
 
 

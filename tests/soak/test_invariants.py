@@ -8,18 +8,23 @@ from pathlib import Path
 import psycopg
 from sqlalchemy import Engine
 
+import semmap
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from tests.forged import forge
 from tests.soak.actors import COUNTED, IMPORTED
 from tests.soak.invariants import (
     signature,
+    url_of,
     violations,
     wrong_cursors,
+    wrong_follower,
     wrong_mirror,
     wrong_service,
+    wrong_statements,
 )
 from tests.soak.kills import boxes
+from tests.soak.statements import UPDATE
 
 DAMAGE = (
     "UPDATE world SET pose[1] = 77 WHERE entity_id = {box}",
@@ -84,3 +89,25 @@ def test_the_checks_find_what_is_wrong(module_engine: Engine, tmp_path: Path) ->
         assert what in found
     with module_engine.begin() as connection:  # what was damaged on purpose is no finding
         connection.exec_driver_sql("DELETE FROM map WHERE name = %s", (IMPORTED,))
+
+
+def test_the_checks_find_lost_statements_and_a_late_follower(
+    module_engine: Engine, tmp_path: Path
+) -> None:
+    import_file(module_engine, boxes(tmp_path / "boxes.sdf", range(3)), map_name="stated")
+    follower = tmp_path / "follower"
+    with semmap.connect(url_of(module_engine)) as db:
+        stated = db.map("stated")
+        for name, number, acknowledged in (("box0", 3, 3), ("box1", 4, 5), ("box2", 6, 6)):
+            stated.update(UPDATE.format(name, number))
+            (tmp_path / f"stated-{name}").write_text(f"{acknowledged}\n")
+        follower.write_text(json.dumps({"count": 3, "seen": [["box0", 3]]}))
+        assert wrong_follower(module_engine, "stated", follower) == []
+        (lost,) = wrong_statements(module_engine, "stated", tmp_path)
+        assert lost == "box1: 5 was stated, [4] is there"
+        stated.update("INSERT DATA { :box2 <urn:soak:count> 5 }")
+        assert len(wrong_statements(module_engine, "stated", tmp_path)) == 2
+        assert len(wrong_follower(module_engine, "stated", follower, 0.2)) == 1
+        follower.write_text(json.dumps({"count": 4, "seen": [["box0", 2]]}))
+        assert len(wrong_follower(module_engine, "stated", follower, 0.2)) == 1
+        db.drop_map("stated")
