@@ -8,12 +8,12 @@ import os
 import re
 import socket
 import stat
-import tempfile
 from pathlib import Path
 
 from semmap.database.account import Account
 from semmap.database.error import DatabaseError
 from semmap.database.folder import open_folder
+from semmap.temporary_folder import temporary_parent
 
 PORT = 5432
 
@@ -34,7 +34,7 @@ def make_socket_folder(home: Path, owner: Account) -> Path:
     folder = home / "run"
     if not _fits(folder):
         key = hashlib.sha256(os.fsencode(home)).hexdigest()[:12]
-        folder = Path(tempfile.gettempdir()) / f"semmap-{owner.uid}-{key}"
+        folder = temporary_parent() / f"semmap-{owner.uid}-{key}"
         if not _fits(folder):
             folder = Path("/tmp") / folder.name
     with contextlib.suppress(FileExistsError), open_folder(folder.parent) as parent:

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
+from semmap.temporary_folder import temporary_folder
 from semmap.whole_file import whole_file, write_whole
 
 DRAWN = (".svg", ".pdf")
@@ -59,8 +59,8 @@ class Picture:
                     warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
             return path.read_bytes()
 
-        with TemporaryDirectory(prefix="semmap-") as folder:
-            png = drawn(Path(folder, "picture.png"))
+        with temporary_folder() as folder:
+            png = drawn(folder / "picture.png")
         if unknown:
             letters = "".join(sorted(unknown))
             notes += (
@@ -124,9 +124,9 @@ def _stack(pictures: Iterable[Picture], path: Path) -> None:
     ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
     whole = ElementTree.Element(f"{{{SVG}}}svg")
     right = bottom = 0.0
-    with TemporaryDirectory(prefix="semmap-") as folder:
+    with temporary_folder() as folder:
         for picture in pictures:
-            page = ElementTree.parse(picture.save(Path(folder, "page.svg"))).getroot()
+            page = ElementTree.parse(picture.save(folder / "page.svg")).getroot()
             _, _, width, height = (float(number) for number in page.attrib["viewBox"].split())
             page.attrib |= {"y": f"{bottom:g}", "width": f"{width:g}", "height": f"{height:g}"}
             whole.append(page)

@@ -11,7 +11,6 @@ import json
 import os
 import socket
 import stat
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from semmap.data_folder import default_home
+from semmap.temporary_folder import temporary_parent
 
 if TYPE_CHECKING:
     import psycopg
@@ -114,7 +114,7 @@ def socket_folder(url: str | None) -> Path:
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
     if runtime.startswith("/") and len(runtime) < 40:
         return Path(runtime) / "semmap-fields" / key
-    return Path(tempfile.gettempdir()) / f"semmap-fields-{os.getuid()}" / key
+    return temporary_parent() / f"semmap-fields-{os.getuid()}" / key
 
 
 def socket_of(url: str | None, map_name: str) -> Path:
