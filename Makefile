@@ -2,7 +2,7 @@
 # make test                the tests, one process more than cores
 # make test-docker         those that need a Docker engine
 # make soak                server and clients are killed 50 times, SEMMAP_KILLS=1000 for more; ten power cuts; a full
-#                          disk; readers and writers of fields for ten minutes; missions that are killed
+#                          and a slow disk; a clock that jumps; readers and writers of fields for ten minutes; missions that are killed
 # make growth              100,000 moves of an object; SEMMAP_GROWTH_MOVES=864000 for a day of ten a second
 # make fuzz                damaged and random inputs for all readers, languages and native functions, four minutes;
 #                          SEMMAP_FUZZ_SECONDS=3600 make fuzz for an hour, SEMMAP_FUZZ_CASES=1000000 for so many

@@ -21,6 +21,8 @@ import time
 from pathlib import Path
 
 from semmap.database import Cluster
+from tests.cluster_folder import cluster_folder
+from tests.soak.bad_machine import jumping_clock, slow_disk
 from tests.soak.disk import full_disk, read_only_disk, small_disk
 from tests.soak.half_open import half_open
 from tests.soak.kills import OFFICE, Soak
@@ -58,12 +60,16 @@ def main() -> int:
         cluster.stop()
         shutil.rmtree(folder)
     print(soak.table(), flush=True)
+    wrong = []
     with small_disk() as disk:
         if disk is None:
             print("full and read-only disks are not tested: only root can mount one")
-            return 1 if soak.wrong else 0
-        wrong = [*full_disk(disk), *read_only_disk(disk)]
-    print("\n".join(wrong) or "full and read-only disk: nothing was lost, half done or wrong")
+        else:
+            wrong += [*full_disk(disk), *read_only_disk(disk)]
+    for trial in (slow_disk, jumping_clock):
+        with cluster_folder(Path("/tmp")) as folder:
+            wrong += trial(folder, chosen.seed)
+    print("\n".join(wrong) or "bad disks and clocks: nothing was lost, half done or wrong")
     return 1 if soak.wrong or wrong else 0
 
 

@@ -16,12 +16,14 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from random import Random
 from typing import Any
 
 from sqlalchemy import Engine
 
+import semmap
 from semmap.database import Cluster
 from semmap.database.maps import see_map
 from semmap.fields.service.client import socket_of
@@ -169,10 +171,31 @@ def reader(cluster: Cluster, state: Path) -> None:
     for_ever(cluster, work)
 
 
+def observer(cluster: Cluster, state: Path, map_name: str, *names: str) -> None:
+    """See an object at places in turn; store where it believes one to be that is no probability."""
+    thing, *places = names
+
+    def work(engine: Engine) -> None:
+        with semmap.connect(url_of(engine)) as db:
+            found = db.map(map_name)
+            for number in count():
+                found.observe(thing, places[number % len(places)], seen=number % 3 > 0)
+                for moves in (None, 60.0):
+                    beliefs = dict(found.where(thing, moves=moves))
+                    in_range = all(0 <= each <= 1 for each in beliefs.values())
+                    if not in_range or abs(sum(beliefs.values()) - 1) > 1e-9:
+                        with (state / "wrong").open("a") as file:
+                            file.write(f"{thing} is believed to be at {beliefs}\n")
+                (state / "observed").write_text(f"{number}\n")
+                time.sleep(0.2)
+
+    for_ever(cluster, work)
+
+
 ACTORS: dict[str, Callable[..., None]] = {
     each.__name__: each
     for each in (
-        *(writer, importer, poller, mirror, service, reader),
+        *(writer, importer, poller, mirror, service, reader, observer),
         *(stater, http_server, http_writer, follower),
     )
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -23,15 +23,22 @@ def movable_clock(folder: Path) -> Iterator[Callable[[str], None]]:
         new.rename(file)
 
     set_clock("+0")
-    before = dict(os.environ)
-    os.environ |= {
-        "LD_PRELOAD": str(LIBRARY),
+    settings = {
         "FAKETIME_TIMESTAMP_FILE": str(file),
         "FAKETIME_NO_CACHE": "1",
         "FAKETIME_DONT_FAKE_MONOTONIC": "1",
     }
-    try:
+    with preloaded(LIBRARY, settings):
         yield set_clock
+
+
+@contextmanager
+def preloaded(library: Path | None, settings: Mapping[str, str]) -> Iterator[None]:
+    """Let the processes that start meanwhile load a library, with its settings."""
+    before = dict(os.environ)
+    os.environ |= {"LD_PRELOAD": str(library), **settings}
+    try:
+        yield
     finally:
         os.environ.clear()
         os.environ.update(before)

@@ -40,6 +40,10 @@ NEVER = {
         "lower(during)) OVER (PARTITION BY entity_id ORDER BY lower(during)), e.since) AS begins "
         "FROM entity_history h JOIN entity e ON e.id = h.entity_id) v WHERE ends <> begins"
     ),
+    "former placements or versions that lasted no time": (
+        "SELECT entity_id FROM placement_history WHERE isempty(during) "
+        "UNION ALL SELECT entity_id FROM entity_history WHERE isempty(during)"
+    ),
     "supertypes that do not follow from the T-Box": (
         "SELECT e.id FROM entity e WHERE NOT EXISTS (SELECT FROM object_type o WHERE o.id = e.id)"
     ),

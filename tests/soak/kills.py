@@ -17,6 +17,7 @@ from pathlib import Path
 from random import Random
 
 import psycopg
+from sqlalchemy import Engine
 
 import semmap
 from semmap.database import Cluster, open_engine
@@ -103,6 +104,11 @@ class Soak:
                 (MIRRORED, writers),
             )
             entities, names = zip(*chosen, strict=True)
+            rooms = connection.exec_driver_sql(
+                "SELECT e.name FROM entity e JOIN map m ON m.id = e.map_id AND m.name = %s "
+                "WHERE e.kind = 'room' ORDER BY e.id LIMIT 3",
+                (MIRRORED,),
+            ).scalars()
         engine.dispose()
         self._before = self._check()
         self._stated = names[:2]
@@ -119,6 +125,7 @@ class Soak:
             Actor("http_server", (port,)),
             Actor("http_writer", (MIRRORED, names[1], port)),
             Actor("follower", (MIRRORED,)),
+            Actor("observer", (MIRRORED, names[2], *rooms)),
             *(Actor("reader", ()) for _ in range(readers)),
         ]
         for actor in self._actors:
@@ -141,9 +148,7 @@ class Soak:
         start = time.monotonic()
         engine = open_engine(self.cluster, migrate=False)  # as the next command does
         self.longest = max(self.longest, time.monotonic() - start)
-        found = violations(engine, self.state, IMPORTED, self._versions)
-        found += wrong_service(engine, MIRRORED, self.state / "service")
-        found += wrong_statements(engine, MIRRORED, self.state)
+        found = self._violations(engine)
         if actor is not None:
             self._start(actor)
         if name in ("server", "follower"):
@@ -153,6 +158,21 @@ class Soak:
         found += self._ended()
         self.wrong += [f"after the kill of the {name}: {each}" for each in found]
         return f"{name}: {'; '.join(found) or 'ok'}"
+
+    def work(self, name: str, seconds: float) -> str:
+        """Let all processes work for some time, and check the map."""
+        time.sleep(seconds)
+        self._wait_for_writes()
+        engine = open_engine(self.cluster, migrate=False)
+        found = self._violations(engine) + self._ended()
+        engine.dispose()
+        self.wrong += [f"{name}: {each}" for each in found]
+        return f"{name}: {'; '.join(found) or 'ok'}"
+
+    def _violations(self, engine: Engine) -> list[str]:
+        found = violations(engine, self.state, IMPORTED, self._versions)
+        found += wrong_service(engine, MIRRORED, self.state / "service")
+        return found + wrong_statements(engine, MIRRORED, self.state)
 
     def use_small_buffers(self) -> None:
         """Restart the server, so that it writes changed pages soon."""
@@ -217,10 +237,7 @@ class Soak:
     def look(self) -> list[str]:
         """What is wrong with the map, the stored mirror and the stored cursor."""
         engine = open_engine(self.cluster, migrate=False)
-        wrong = violations(engine, self.state, IMPORTED, self._versions)
-        wrong += wrong_mirror(engine, MIRRORED)
-        wrong += wrong_service(engine, MIRRORED, self.state / "service")
-        wrong += wrong_statements(engine, MIRRORED, self.state)
+        wrong = self._violations(engine) + wrong_mirror(engine, MIRRORED)
         with psycopg.connect(url_of(engine), options="-c search_path=semmap,public") as connection:
             wrong += wrong_cursors(connection, self.state / "poller")
         engine.dispose()
@@ -273,7 +290,7 @@ class Soak:
         """Until each process had its time to work."""
         deadline = time.monotonic() + 120
         before = {file: last_line(file) for file in self.state.glob("writer-*")}
-        others = [self.state / name for name in ("poller", "service", "follower")]
+        others = [self.state / name for name in ("poller", "service", "follower", "observed")]
         others += [self.state / f"stated-{name}" for name in self._stated]
         while not all(file.exists() for file in others) or not any(
             last_line(file) != before.get(file) for file in self.state.glob("writer-*")
