@@ -1,4 +1,4 @@
-"""Move one entity 100,000 times, and print what the database and a follower grow to.
+"""Move one entity 100,000 times beside a follower and a server, and print what all grow to.
 
     make growth                              an object of the example
     SEMMAP_GROWTH_MOVES=864000 make growth   a day of ten moves a second
@@ -26,18 +26,19 @@ import psycopg
 import semmap
 from semmap.database import Cluster, open_engine
 from semmap.ingest.importer import import_file
-from tests.growth.moves import RETENTION, TABLES, expired_changes, gaps, move, sizes, versions
+from tests.growth.moves import RETENTION, TABLES, expired_changes, gaps, move, row, sizes, versions
+from tests.growth.program import COMMAND, ROOT, Program
+from tests.growth.requests import TOKEN, Requests
 
-ROOT = Path(__file__).parents[2]
 OFFICE = [ROOT / "examples/office" / name for name in ("office_rooms.geojson", "office.sdf")]
 SECONDS_OF_MOVE = 0.1
 ROWS = 10
 """Of the table that is printed."""
 
 CHOSEN = """
-SELECT e.id, e.name FROM entity e JOIN world w ON w.entity_id = e.id
+SELECT e.id, e.name, w.pose[1:3] FROM entity e JOIN world w ON w.entity_id = e.id
 JOIN placement p ON p.entity_id = e.id
-WHERE e.kind = %s ORDER BY p.relation = 'on' DESC, e.name LIMIT 1
+WHERE e.kind = %s ORDER BY p.relation = 'on' DESC, e.name
 """
 ROBOT = """
 WITH made AS (INSERT INTO entity (map_id, kind, name)
@@ -45,21 +46,6 @@ WITH made AS (INSERT INTO entity (map_id, kind, name)
 INSERT INTO placement (entity_id, pose)
 SELECT made.id, w.pose FROM made, world w JOIN room r ON r.entity_id = w.entity_id LIMIT 1
 """
-
-
-def resident(process: subprocess.Popen[str]) -> int:
-    """Bytes of memory that a process has."""
-    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGESIZE")
-
-
-def ask(process: subprocess.Popen[str]) -> int:
-    """How many looks the follower has had at the map."""
-    assert process.stdin is not None
-    assert process.stdout is not None
-    process.stdin.write("\n")
-    process.stdin.flush()
-    return int(process.stdout.readline())
 
 
 def run(cluster: Cluster, worlds: list[Path], kind: str, moves: int, keep: float) -> list[str]:
@@ -70,21 +56,22 @@ def run(cluster: Cluster, worlds: list[Path], kind: str, moves: int, keep: float
         import_file(engine, world, map_name="growth")
     url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
     before = check(url)
-    follower = subprocess.Popen(
-        [sys.executable, "-m", "tests.growth.follower", url, "growth"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-    assert follower.stdout is not None
-    try:
-        assert follower.stdout.readline() == "ready\n"
-        with psycopg.connect(url, autocommit=True, options="-c search_path=semmap,public") as own:
-            wrong = watch(own, follower, kind, moves, keep)
-    finally:
-        follower.kill()
-        follower.wait()
+    tokens = cluster.home / "tokens"
+    tokens.touch(0o600)
+    tokens.write_text(f"{TOKEN} semmap_robot\n")
+    data = {**os.environ, "SEMMAP_DATA": str(cluster.home)}
+    serve = ("serve", "--port", "0", "--tokens", str(tokens))
+    with (
+        Program("-m", "tests.growth.follower", url, "growth") as follower,
+        Program(*COMMAND, *serve, env=data, stderr=subprocess.STDOUT) as server,
+        psycopg.connect(url, autocommit=True, options="-c search_path=semmap,public") as own,
+    ):
+        assert follower.line() == "ready\n"
+        name, pose = row(own, CHOSEN, "object")[1:]
+        with Requests(server.line().split("/maps")[0], name, pose) as requests:
+            wrong = watch(own, {"follower": follower, "semmap serve": server}, kind, moves, keep)
+        print(f"{follower.ask()} looks at the map; requests by status: {dict(requests.answers)}")
+        wrong += requests.wrong
     if check(url) != before:
         wrong.append(f"semmap check: {check(url)}")
     engine.dispose()
@@ -93,7 +80,7 @@ def run(cluster: Cluster, worlds: list[Path], kind: str, moves: int, keep: float
 
 def watch(
     own: psycopg.Connection[Any],
-    follower: subprocess.Popen[str],
+    programs: dict[str, Program],
     kind: str,
     moves: int,
     keep: float,
@@ -101,9 +88,7 @@ def watch(
     """Move an entity, print a table, and return what exceeds its bound."""
     if kind == "agent":
         own.execute(ROBOT)
-    chosen = own.execute(CHOSEN, [kind]).fetchone()
-    assert chosen is not None, f"the map has no {kind}"
-    entity, name = chosen
+    entity, name, _ = row(own, CHOSEN, kind)
     start = time.monotonic()
     for _ in move(own, entity, 1000):
         pass
@@ -111,11 +96,13 @@ def watch(
     own.execute(RETENTION, {"every": ratio, "keep": keep * ratio})
     own.execute("DELETE FROM placement_history")
     print(f"{name}: {moves:,} moves, {1 / ratio:.0f} times as fast as ten a second")
-    head = ["moves", "a second", "versions", "changes", *(f"{t} MB" for t in TABLES), "dead rows"]
-    print("".join(f"{cell:>22}" if "MB" in cell else f"{cell:>11}" for cell in head), "follower MB")
+    head = ["moves", "a second", "versions", "changes", "dead rows", *(f"{t} MB" for t in TABLES)]
+    head += [f"{name} MB, files" for name in programs]
+    print(" ".join(f"{cell:>9}" for cell in head))
 
     wrong: list[str] = []
-    half: tuple[dict[str, int], int] | None = None
+    half: dict[str, tuple[int, int]] = {}
+    first = sizes(own)
     most = keep + 3
     start, last = time.monotonic(), 0
     for done in move(own, entity, moves, seed=1):
@@ -124,28 +111,32 @@ def watch(
         took, start = time.monotonic() - start, time.monotonic()
         kept, changes = versions(own, entity), expired_changes(own)
         found = sizes(own)
-        memory = resident(follower)
-        cells = [f"{done:,}", f"{(done - last) / took:.0f}", kept, found["change"][0]]
-        size = {table: found[table][2] for table in TABLES}
-        line = "".join(f"{cell!s:>11}" for cell in cells)
-        line += "".join(f"{each / 1e6:>22.1f}" for each in size.values())
         dead = sum(found[table][1] for table in TABLES)
-        print(f"{line}{dead:>11} {memory / 1e6:.0f} after {ask(follower):,} looks", flush=True)
+        cells = [f"{done:,}", f"{(done - last) / took:.0f}", kept, found["change"][0], dead]
+        cells += [f"{found[table][2] / 1e6:.1f}" for table in TABLES]
+        used = {name: (program.memory, program.files) for name, program in programs.items()}
+        cells += [f"{memory / 1e6:.0f}, {files}" for memory, files in used.values()]
+        lines = zip(cells, head, strict=True)
+        print(" ".join(f"{cell!s:>{max(9, len(name))}}" for cell, name in lines), flush=True)
         last = done
         if kept > most:
             wrong.append(f"{kept} versions are stored, the retention allows {most:.0f}")
         if changes > 2000:
             wrong.append(f"{changes} changes are stored longer than their retention")
-        if half is None and done >= moves / 2:
-            half = size, memory
-    if half is not None:
-        wrong += [
-            f"{table} grew from {half[0][table]:,} to {size[table]:,} bytes in the second half"
-            for table in TABLES
-            if size[table] > 1.5 * half[0][table] + 1e6
-        ]
-        if memory > half[1] + 20e6:
-            wrong.append(f"the follower grew from {half[1]:,} to {memory:,} bytes")
+        if not half and done >= moves / 2:
+            half, stored = used, found
+    wrong += [
+        f"{table} grew from {stored[table][2]:,} to {size:,} bytes in the second half"
+        for table, (_, _, size) in found.items()
+        if size > 1.5 * stored[table][2] + 1e6
+    ]
+    wrong += [
+        f"{name} grew from {half[name]} to {used[name]} bytes and open files"
+        for name in programs
+        if used[name][0] > half[name][0] + 20e6 or used[name][1] > half[name][1] + 20
+    ]
+    rows = {table: (first[table][0], now) for table, (now, _, _) in found.items()}
+    print("more rows:", {table: pair for table, pair in rows.items() if pair[1] > pair[0]})
     if gaps(own):
         wrong.append(f"{gaps(own)} versions do not end where the next one begins")
     return wrong

@@ -72,18 +72,24 @@ def gaps(connection: psycopg.Connection[Any]) -> int:
 
 
 def sizes(connection: psycopg.Connection[Any]) -> dict[str, tuple[int, int, int]]:
-    """Rows, dead rows and bytes of each table that a move writes, indexes included."""
+    """Rows, dead rows and bytes of each table, indexes included."""
     connection.execute("SELECT pg_stat_clear_snapshot()")
-    found = {}
-    for table in TABLES:
-        dead = _value(connection, "SELECT pg_stat_get_dead_tuples(%s::regclass)", f"semmap.{table}")
-        total = _value(connection, "SELECT pg_total_relation_size(%s)", f"semmap.{table}")
-        rows = _value(connection, f"SELECT count(*) FROM {table}")
-        found[table] = (int(rows), int(dead), int(total))
+    tables = connection.execute(
+        "SELECT relname, n_dead_tup, pg_total_relation_size(relid) FROM pg_stat_user_tables "
+        "WHERE schemaname = 'semmap'"
+    )
+    return {
+        name: (row(connection, f"SELECT count(*) FROM {name}")[0], dead, size)
+        for name, dead, size in tables.fetchall()
+    }
+
+
+def row(connection: psycopg.Connection[Any], statement: str, *values: object) -> Any:
+    """The first row of a statement's result."""
+    found = connection.execute(statement, values).fetchone()
+    assert found is not None
     return found
 
 
 def _value(connection: psycopg.Connection[Any], statement: str, *values: object) -> Any:
-    row = connection.execute(statement, values).fetchone()
-    assert row is not None
-    return row[0]
+    return row(connection, statement, *values)[0]
