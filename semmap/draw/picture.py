@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import threading
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -21,6 +22,9 @@ OTHER_FONTS = ("Noto Sans", "WenQuanYi", "IPA", "Droid Sans Fallback")
 """How the names of fonts begin that have letters of more languages."""
 
 _MISSING = re.compile(r"Glyph (\d+) .*missing from font")
+
+_SETTINGS = threading.Lock()
+"""Settings of matplotlib, and filters of warnings, are those of the process."""
 
 SVG = "http://www.w3.org/2000/svg"
 
@@ -48,7 +52,11 @@ class Picture:
 
         def drawn(path: Path) -> bytes:
             settings: Any = {"text.parse_math": False, "font.family": fonts}
-            with matplotlib.rc_context(settings), warnings.catch_warnings(record=True) as told:
+            with (
+                _SETTINGS,
+                matplotlib.rc_context(settings),
+                warnings.catch_warnings(record=True) as told,
+            ):
                 warnings.simplefilter("always")
                 draw(path)
             for each in told:

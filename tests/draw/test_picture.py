@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import threading
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
@@ -44,3 +47,26 @@ def test_what_a_picture_cannot_be_saved_as_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="several storeys are one"):
         Picture.stacked([page, page]).save(tmp_path / "plan.pdf")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_of_two_threads_leave_the_settings_of_the_process() -> None:
+    import matplotlib
+
+    before = [*warnings.filters], dict(matplotlib.rcParams)
+    began, ended = threading.Event(), threading.Event()
+
+    def first(path: Path) -> None:
+        began.wait(0.5)  # for the second, which would save the settings of this one
+        path.touch()
+
+    def second(path: Path) -> None:
+        began.set()
+        ended.wait(0.5)
+        path.touch()
+
+    with ThreadPoolExecutor() as pool:
+        one, two = pool.submit(Picture.drawn, first), pool.submit(Picture.drawn, second)
+        one.result()
+        ended.set()
+        two.result()
+    assert ([*warnings.filters], dict(matplotlib.rcParams)) == before
