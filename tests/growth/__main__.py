@@ -1,4 +1,4 @@
-"""Move one entity 100,000 times beside a follower and a server, and print what all grow to.
+"""Move one entity 100,000 times beside programs that follow it, and print what all grow to.
 
     make growth                              an object of the example
     SEMMAP_GROWTH_MOVES=864000 make growth   a day of ten moves a second
@@ -40,6 +40,18 @@ SELECT e.id, e.name, w.pose[1:3] FROM entity e JOIN world w ON w.entity_id = e.i
 JOIN placement p ON p.entity_id = e.id
 WHERE e.kind = %s ORDER BY p.relation = 'on' DESC, e.name
 """
+FIELDS = """
+keep_every: 0.1
+keep_for: 10
+sources: {{gaze: {{percepts: {{recording: {recording}, loop: true}}, timeout: 1}}}}
+"""
+GAZES = [
+    f"""{{"time": "2026-01-01T00:00:{second:04.1f}Z", "poses": """
+    f"""{{"human1": {{"from": [1, 1, 1.6], "to": [{1 + second}, 2, 0.8]}}}}}}\n"""
+    for second in (0.5, 1.0, 1.5, 4.0)
+]
+"""Looks of a person, which fade in the pause before the last."""
+
 ROBOT = """
 WITH made AS (INSERT INTO entity (map_id, kind, name)
               SELECT current_map(), 'agent', 'growing robot' RETURNING id)
@@ -61,16 +73,22 @@ def run(cluster: Cluster, worlds: list[Path], kind: str, moves: int, keep: float
     tokens.write_text(f"{TOKEN} semmap_robot\n")
     data = {**os.environ, "SEMMAP_DATA": str(cluster.home)}
     serve = ("serve", "--port", "0", "--tokens", str(tokens))
+    (cluster.home / "fields.yaml").write_text(FIELDS.format(recording=cluster.home))
+    (cluster.home / "gaze.jsonl").write_text("".join(GAZES))
+    fields = ("fields", "serve", "--config", str(cluster.home / "fields.yaml"))
     with (
         Program("-m", "tests.growth.follower", url, "growth") as follower,
         Program(*COMMAND, *serve, env=data, stderr=subprocess.STDOUT) as server,
+        Program(*COMMAND, *fields, env=data, stderr=subprocess.STDOUT) as service,
         psycopg.connect(url, autocommit=True, options="-c search_path=semmap,public") as own,
     ):
         assert follower.line() == "ready\n"
+        print(service.line(), end="")
+        programs = {"follower": follower, "semmap serve": server, "fields serve": service}
         name, pose = row(own, CHOSEN, "object")[1:]
         with Requests(server.line().split("/maps")[0], name, pose) as requests:
-            wrong = watch(own, {"follower": follower, "semmap serve": server}, kind, moves, keep)
-        print(f"{follower.ask()} looks at the map; requests by status: {dict(requests.answers)}")
+            wrong = watch(own, programs, kind, moves, keep)
+        print(f"{follower.ask()}; requests by status: {dict(requests.answers)}")
         wrong += requests.wrong
     if check(url) != before:
         wrong.append(f"semmap check: {check(url)}")

@@ -1,4 +1,7 @@
-"""A process that mirrors a map and follows its topology until standard input ends."""
+"""A process that mirrors a map and follows its topology and a standing query.
+
+It ends with standard input.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,21 @@ import threading
 from planner.live_topology import LiveTopology
 from semmap.database import open_engine
 from semmap.fields.store.voxel_mirror import VoxelMirror
+from semmap.knowledge.standing.subscriptions import Subscriptions
 from semmap.query.map_handle import MapHandle
 
 
 def main() -> None:
-    """Follow the map of a database: both are arguments; answer each line with a number of looks."""
+    """Follow the map of a database: both are arguments; answer each line with what was seen."""
     engine = open_engine(sys.argv[1], migrate=False)
     mirror = VoxelMirror(engine, sys.argv[2])
     topology = LiveTopology(MapHandle(engine, sys.argv[2]))
-    looks = 0
+    standing = Subscriptions(engine, sys.argv[2])
+    looks = events = 0
+
+    def event(_: object) -> None:
+        nonlocal events
+        events += 1
 
     def look(_: object) -> None:
         nonlocal looks
@@ -29,9 +38,11 @@ def main() -> None:
     ]
     for thread in threads:
         thread.start()
+    standing.add("SELECT ?object ?x { ?object semmap:placedOn ?y ; semmap:x ?x }", callback=event)
     print("ready", flush=True)
     for _ in sys.stdin:
-        print(looks, flush=True)
+        print(f"{looks} looks at the map, {events} events", flush=True)
+    standing.close()
     stop.set()
     for thread in threads:
         thread.join()
