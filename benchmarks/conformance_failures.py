@@ -16,8 +16,6 @@ FAILURES: dict[str, str] = {
     "section 18.5.1), as in oxigraph; the test expects a row",
     "functions/strdt03": _BEFORE_RDF_11,
     "functions/strlang03": _BEFORE_RDF_11,
-    "functions/bnode01": "evaluated by rdflib, where BNODE of the same text is the same node in "
-    "all rows, not only in one",
     # Texts that are SPARQL and refused on purpose, and one that is not and read
     "syntax-fed": f"SERVICE {_LEAVES}",
     **dict.fromkeys(
@@ -52,7 +50,7 @@ def why(test: str) -> str | None:
 
     Examples
     --------
-    >>> why("functions/bnode01") is not None, why("functions/unknown")
+    >>> why("functions/strdt03") is not None, why("functions/unknown")
     (True, None)
     """
     return FAILURES.get(test, FAILURES.get(test.split("/")[0]))

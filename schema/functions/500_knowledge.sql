@@ -361,6 +361,19 @@ BEGIN
     RETURN CASE operator WHEN '+' THEN x + y WHEN '-' THEN x - y WHEN '*' THEN x * y ELSE x / y END;
 END $$;
 
+CREATE FUNCTION rdf_total(large double precision, small double precision, number bigint)
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- A sum of doubles by a number, infinite where it is too large: `sum` of PostgreSQL is an error there, `avg` beyond 1e154.
+-- `large` is the sum of 2^-60 of those beyond 1e280, `small` of the others; null for none.
+SELECT CASE WHEN number = 0 THEN 0
+            WHEN coalesce(large, 0) = 0 THEN
+                CASE WHEN abs(small) < 1e-280 THEN semmap.rdf_calculate_double('/', small, number) ELSE coalesce(small, 0) / number END
+            WHEN abs(part) <= 1.7976931348623157e308 / 1152921504606846976 THEN part * 1152921504606846976 / number
+            ELSE part * 'Infinity' END
+FROM (SELECT large + CASE WHEN abs(small) >= 1 THEN small / 1152921504606846976 ELSE 0 END AS part) p;
+END;
+
 CREATE FUNCTION rdf_calculate_time(operator text, a text, a_tag text, b text, b_tag text)
 RETURNS text[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- The text and the tag of what XPath calculates from times and durations (XPath functions 3.1, 8.4 and 9.7): a time and a

@@ -20,6 +20,7 @@ from semmap.error import Error
 from semmap.knowledge.answer import Answer
 from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.rdflib_algebra import correct
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries, Row, Session, Term
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen
@@ -205,6 +206,7 @@ def _described(view: MapView, parsed: ParsedText, most: int) -> Answer:
 def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most: int) -> Answer:
     """Let rdflib evaluate what has no translation; it reads each triple pattern by SQL."""
     prepared = prepareQuery(parsed.text.sparql, initNs=prefixes(view.name))
+    correct(prepared.algebra)
     prepared.algebra.pop("datasetClause", None)  # the view knows it; rdflib would read files
     dataset = rdflib.Dataset(store=MapStore(view))
     try:
@@ -314,6 +316,9 @@ class MapStore(Store):
         ).fetchall()
         chosen = self._view.chosen
         yield from (rdflib.URIRef(g) for (g,) in rows if chosen is None or g in chosen.named)
+
+    def add_graph(self, graph: Any) -> None:
+        """Do nothing: rdflib adds the default graph to those that it lists."""
 
     def __len__(self, context: Any = None) -> int:
         return sum(1 for _ in self.triples((None, None, None), context))

@@ -237,6 +237,75 @@ def test_a_graph_that_is_not_there_has_no_solution(
     assert comparable(query(loft, text)) == expected
     inside = f"{EX} ASK {dataset} {{ FILTER EXISTS {{ GRAPH {graph} {pattern} }} }}"
     assert query(loft, inside).truth == bool(expected)
+    by_rdflib = f"{EX} ASK {dataset} {{ GRAPH {graph} {pattern} FILTER(TZ(NOW()) = 'Z') }}"
+    assert query(loft, by_rdflib).truth == bool(expected)
+    assert query(
+        loft, inside.replace("EXISTS {", "EXISTS { BIND(TZ(NOW()) AS ?now) ")
+    ).truth == bool(expected)
+
+
+@pytest.mark.parametrize("graphs", ["", "FROM NAMED ex:archive"])
+def test_rdflib_lists_the_graphs(loft: psycopg.Connection, engines: Engines, graphs: str) -> None:
+    text = f"{EX} SELECT ?g {graphs} {{ GRAPH ?g {{}} FILTER(%s) }}"
+    found = comparable(query(loft, text % "TZ(NOW()) = 'Z'"))
+    assert found == engines.oxigraph(text % "true")
+
+
+def test_labels_are_nodes_of_one_solution(loft: psycopg.Connection) -> None:
+    text = "SELECT (BNODE('a') AS ?x) (BNODE('a') AS ?y) (BNODE('b') AS ?z) { VALUES ?i { 1 1 2 } }"
+    for each in (
+        text,
+        text.replace("SELECT", "SELECT ?i ?s ?t").replace(
+            "} }", "} BIND(BNODE('a') AS ?s) BIND(BNODE('a') AS ?t) }"
+        ),
+    ):
+        rows = [row[-3:] for row in query(loft, each).rows]
+        assert all(x == y != z for x, y, z in rows)
+        assert len({term for row in rows for term in row}) == 6
+
+
+PATTERNS = (
+    ("REGEX(?v, 'a.b')", "false"),
+    ("REGEX(?v, 'a.b', 's')", "true"),
+    ("REGEX(?v, 'a[^.]b')", "true"),
+    ("REPLACE(?v, '.', '-')", "-\n-"),
+    ("REPLACE(?v, '.', '-', 's')", "---"),
+    ("REPLACE(?v, 'A', '-', 'i')", "-\nb"),
+)
+
+
+@pytest.mark.parametrize(("call", "expected"), PATTERNS)
+@pytest.mark.parametrize("more", ["", "FILTER(TZ(NOW()) = 'Z')"], ids=["sql", "rdflib"])
+def test_a_dot_matches_no_newline(
+    loft: psycopg.Connection, call: str, expected: str, more: str
+) -> None:
+    answer = query(loft, f"SELECT ({call} AS ?x) {{ VALUES ?v {{ 'a\\nb' }} {more} }}")
+    assert answer.explanation[0].startswith("evaluated by rdflib") == bool(more)
+    assert [str(x) for (x,) in answer.rows] == [expected]
+
+
+SUMS = (
+    "1e308 1e308",
+    "-1e308 -1e308 5e0",
+    "1e200 3e200",
+    "1e300 -1e300 5e0",
+    "1e308 2.5",
+    "1e0 1e-300",
+    "'INF'^^xsd:double 1e0",
+)
+
+
+@pytest.mark.parametrize("numbers", SUMS)
+@pytest.mark.parametrize("number", ["?n", "xsd:double(?n)"])
+def test_a_sum_beyond_a_double_is_infinite(
+    loft: psycopg.Connection, engines: Engines, numbers: str, number: str
+) -> None:
+    values = " ".join(f"(1 {each})" for each in numbers.split())
+    text = (
+        f"SELECT ?g (SUM({number}) AS ?sum) (AVG({number}) AS ?mean) "
+        f"(SUM(DISTINCT {number}) AS ?once) {{ VALUES (?g ?n) {{ {values} (2 1e0) }} }} GROUP BY ?g"
+    )
+    assert comparable(query(loft, text)) == engines.oxigraph(text)
 
 
 @pytest.mark.parametrize(("pattern", "count"), [("", 1), ("FILTER(false)", 0), (":a :b :c", 0)])

@@ -399,13 +399,15 @@ class _Translator(TriplePatterns):
 
     def _sum(self, function: str, distinct: str, value: Value) -> tuple[Value, bool]:
         call = "sum" if function == "Sum" else "avg"
+        if value.form == "double":
+            return Value("double", _total(function, distinct, value.sql)), True
         if value.form in NUMERIC:
             form = "decimal" if (function, value.form) == ("Avg", "integer") else value.form
             return Value(form, f"coalesce({call}({distinct}{value.sql}), 0)"), True
         if value.form != "term":
             return Value("integer", f"CASE WHEN count({value.sql}) = 0 THEN 0::numeric END"), False
         number = f"rdf_number({value.sql}, {value.tag})"
-        total = f"coalesce({call}({distinct}{number}), 0)"
+        total = _total(function, distinct, number)
         wrong = f"bool_or({value.sql} IS NOT NULL AND {number} IS NULL)"
         double = f"bool_or({value.tag} IN ('{XSD}double', '{XSD}float'))"
         decimal = f"bool_or({value.tag} = '{XSD}decimal')"
@@ -413,6 +415,7 @@ class _Translator(TriplePatterns):
             decimal = f"count({value.sql}) > 0"
         text = (
             f"CASE WHEN {wrong} THEN NULL WHEN {double} THEN rdf_double({total}) "
+            f"WHEN abs({total}) = 'Infinity' THEN NULL "
             f"WHEN {decimal} THEN rdf_decimal(({total})::numeric) ELSE ({total})::numeric::text END"
         )
         tag = (
@@ -440,6 +443,15 @@ class _Translator(TriplePatterns):
         known = f"FILTER (WHERE {value.sql} IS NOT NULL)"
         columns = [f"(array_agg({sql}) {known})[1]" for sql in value.columns()]
         return Value.of_columns(value.form, columns)
+
+
+def _total(function: str, distinct: str, number: str) -> str:
+    """Return the SQL of the sum or mean of doubles; `rdf_total` says why there are two sums."""
+    is_large = f"abs({number}) > 1e280"
+    large = f"sum({distinct}{number} / 1152921504606846976) FILTER (WHERE {is_large})"
+    small = f"sum({distinct}{number}) FILTER (WHERE NOT {is_large})"
+    count = f"count({distinct}{number})" if function == "Avg" else "1"
+    return f"rdf_total({large}, {small}, {count})"
 
 
 def _order_keys(term: Value) -> tuple[str, ...]:
