@@ -77,7 +77,7 @@ class RefusedError(Error, ValueError):
 
 def _refuse_unwritable(fact: Fact) -> None:
     """Raise an error where files, or the database, cannot have a term of a fact."""
-    for term in fact:
+    for term in (*fact, getattr(fact.object, "datatype", None)):
         if isinstance(term, rdflib.URIRef) and not IRI.fullmatch(term):
             raise RefusedError(f"{str(term)!r} is not an absolute IRI: correct it", fact)
         if isinstance(term, rdflib.Literal) and (wrong := NO_CHARACTER.search(term)):

@@ -49,12 +49,16 @@ def read_facts(path: Path, format_: str) -> list[Fact]:
     return parse_facts(read_text(path), format_, path)
 
 
-def parse_facts(text: str, format_: str, source: Path) -> list[Fact]:
-    """Return the facts of a text; blank nodes are those of the text."""
+def parse_facts(text: str, format_: str, source: Path, base: str | None = None) -> list[Fact]:
+    """Return the facts of a text; blank nodes are those of the text.
+
+    A relative IRI is resolved by `base`, by default the source, where the text has none.
+    """
     if format_ == "xml":
         _refuse_blow_up(text, source)
     try:
-        quads = pyoxigraph.parse(text, format=RDF_FORMATS[format_])
+        where = base or source.absolute().as_uri()
+        quads = pyoxigraph.parse(text, format=RDF_FORMATS[format_], base_iri=where)
         return [Fact(*map(_term, quad)) for quad in quads]
     except (SyntaxError, ValueError, RecursionError) as error:
         raise WorldError(

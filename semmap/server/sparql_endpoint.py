@@ -141,7 +141,8 @@ class SparqlEndpoint:
             if kind not in GRAPH_FORMATS:
                 raise HTTPException(415, f"{kind} is not one of {', '.join(GRAPH_FORMATS)}")
             try:
-                parsed = parse_facts(body.decode(), GRAPH_FORMATS[kind], Path("request"))
+                base = named or str(request.url)  # as the standard has it
+                parsed = parse_facts(body.decode(), GRAPH_FORMATS[kind], Path("request"), base)
             except (WorldError, UnicodeDecodeError) as error:
                 raise HTTPException(400, str(error)) from error
             graph = None if named is None else rdflib.URIRef(named)

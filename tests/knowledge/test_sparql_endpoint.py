@@ -307,6 +307,18 @@ def test_a_term_that_no_file_can_have_is_refused(client: httpx.Client, term: str
     assert "not a" in answer.text or "is not turtle: Parser error at line 1" in answer.text
 
 
+@pytest.mark.parametrize("method", ["PUT", "POST"])
+def test_relative_iris_of_a_graph_are_relative_to_it(client: httpx.Client, method: str) -> None:
+    name = {"graph": "http://e/f/g"}
+    headers = {"Content-Type": "text/turtle", **bearer(WRITER)}
+    body = "<s> <p> '1'^^<d> ."
+    sent = client.request(method, "/graph", params=name, content=body, headers=headers)
+    assert sent.is_success
+    written = client.get("/graph", params=name, headers={"Accept": "application/n-triples"}).text
+    assert written.strip() == '<http://e/f/s> <http://e/f/p> "1"^^<http://e/f/d> .'
+    client.delete("/graph", params=name, headers=headers)
+
+
 def test_the_graph_store_has_the_limits_of_queries(loft_map: Map) -> None:
     name = {"graph": "http://example.org/many"}
     headers = {"Content-Type": "text/turtle", **bearer(WRITER)}

@@ -210,7 +210,6 @@ def test_files_of_strangers(changing: psycopg.Connection) -> None:
         ("@prefix", "turtle"),
         ('{"@context": "http://a/b"}', "json-ld"),
         ("{", "json-ld"),
-        ("<relative> <http://a/b> 1 .", "turtle"),
         ("<http://a/b> <http://a/c> <<( <http://a/d> <http://a/e> 1 )>> .", "turtle"),
         (_xml('<!ENTITY a "xyz"> <!ENTITY b "&a;&a;">', "&b;"), "xml"),
         (_xml('<!ENTITY b SYSTEM "file:///etc/passwd">', "&b;"), "xml"),
@@ -218,6 +217,53 @@ def test_files_of_strangers(changing: psycopg.Connection) -> None:
     ):
         with pytest.raises(WorldError):
             parse_facts(wrong, format_, Path("a"))
+
+
+RELATIVE = (
+    ("turtle", "<s> <p> <o>, '1'^^<d> ."),
+    ("trig", "<g> { <s> <p> <o>, '1'^^<d> }"),
+    ("json-ld", '{"@id": "g", "@graph": [{"@id": "s", "http://e/p": {"@id": "o"}}]}'),
+)
+
+
+@pytest.mark.parametrize(("format_", "text"), RELATIVE)
+def test_relative_iris_of_a_file_are_resolved(format_: str, text: str) -> None:
+    based = f"@base <http://f/> . {text}"
+    if format_ == "json-ld":
+        based = text.replace("{", '{"@context": {"@base": "http://f/"}, ', 1)
+    for folder, each, base in (
+        ("file:///tmp/", text, None),
+        ("http://f/a/", text, "http://f/a/g"),
+        ("http://f/", based, "http://e/"),
+    ):
+        facts = parse_facts(each, format_, Path("/tmp/a file"), base)
+        assert {str(fact.subject) for fact in facts} == {f"{folder}s"}
+        iris = {str(getattr(t, "datatype", None) or t) for f in facts for t in f if t is not None}
+        assert all(iri.startswith((folder, "http://e/p")) for iri in iris)
+
+
+@pytest.mark.parametrize("format_", ["nt", "nquads"])
+def test_lines_have_no_relative_iris(format_: str) -> None:
+    for line in ("<s> <e:p> <e:o> .", "<e:s> <p> <e:o> .", "<e:s> <e:p> '1'^^<d> ."):
+        with pytest.raises(WorldError):
+            parse_facts(line.replace("'", '"'), format_, Path("a"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "INSERT DATA { <s> <e:p> 1 }",
+        "INSERT DATA { <e:s> <p> 1 }",
+        "INSERT DATA { <e:s> <e:p> <o> }",
+        "INSERT DATA { <e:s> <e:p> '1'^^<d> }",
+        "INSERT DATA { GRAPH <g> { <e:s> <e:p> 1 } }",
+        "INSERT { <e:s> <e:p> ?o } WHERE { BIND(STRDT('1', IRI('d')) AS ?o) }",
+        "WITH <g> INSERT { <e:s> <e:p> 1 } WHERE {}",
+    ],
+)
+def test_relative_iris_of_an_update_are_refused(changing: psycopg.Connection, text: str) -> None:
+    with pytest.raises(QueryError, match="is not an absolute IRI"):
+        update(changing, text)
 
 
 def test_an_update_that_takes_too_long_changes_nothing(loft_map: Map) -> None:
