@@ -2,7 +2,8 @@
 
 ``python -m benchmarks.conformance FOLDER`` runs all tests below a folder with manifests, such as
 ``test/DAWG/data-sparql11`` in the source distribution of rdflib 6.0.0: the evaluation tests, the
-texts to read and to refuse, and the protocol. It prints how many pass and why the others fail.
+texts to read and to refuse, the protocol and the graph store. It prints how many pass and why the
+others fail.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from rich.table import Table
 
 import semmap
 from benchmarks.conformance_failures import why
+from benchmarks.conformance_graph_store import STEPS, failed_steps
 from benchmarks.conformance_manifest import MF, entries, file_of
 from benchmarks.conformance_protocol import CHECKS, protocol_client, protocol_tests
 from benchmarks.conformance_syntax import READERS, SyntaxCase, is_read, syntax_cases
@@ -420,6 +422,7 @@ def main(folder: Path) -> int:
         requests = protocol_tests(folder)
         with protocol_client(database, "empty") as client:
             refused = [f"protocol/{name}" for name in requests if not CHECKS[name](client)]
+            not_stored = [f"graph-store/{name}" for name in failed_steps(client)]
     console.print(_passes("SPARQL 1.1: tests passed", tests, failures))
     console.print(_failures("What the map fails", failures))
     texts = list(syntax_cases(folder))
@@ -431,8 +434,10 @@ def main(folder: Path) -> int:
         of_kind = [case for case in texts if case.is_sparql == is_sparql]
         console.print(_passes(f"SPARQL 1.1: texts {kind}", of_kind, wrong))
     console.print(_failures("What is refused, or read, on purpose", wrong))
-    console.print(_protocol(len(requests), refused))
-    return sum(why(key) is None for key in (*failures["semmap"], *wrong["semmap"], *refused))
+    console.print(_protocol("protocol", len(requests), refused))
+    console.print(_protocol("graph store", len({step.test for step in STEPS}), not_stored))
+    unmet = (*failures["semmap"], *wrong["semmap"], *refused, *not_stored)
+    return sum(why(key) is None for key in unmet)
 
 
 def _passes(
@@ -466,10 +471,8 @@ def _failures(title: str, failures: dict[str, dict[str, str]]) -> Table:
     return table
 
 
-def _protocol(count: int, failed: list[str]) -> Table:
-    table = Table(
-        "test", "why", title=f"SPARQL 1.1 protocol: {count - len(failed)} of {count} pass"
-    )
+def _protocol(name: str, count: int, failed: list[str]) -> Table:
+    table = Table("test", "why", title=f"SPARQL 1.1 {name}: {count - len(failed)} of {count} pass")
     for key in failed:
         table.add_row(key, why(key) or "[red]not explained[/]")
     return table

@@ -148,17 +148,18 @@ class SparqlEndpoint:
             graph = None if named is None else rdflib.URIRef(named)
             new = [fact._replace(graph=graph) for fact in parsed]
         with self._session(request) as session, limited_view(session, self._seconds) as view:
-            gone = 0
+            stored = "FROM statement WHERE map_id = %s AND graph = ANY (%s)"
+            of = (view.number, graph_names(named or ""))
             with with_consequences(view):
-                if method in ("PUT", "DELETE"):
-                    gone = session.execute(
-                        "DELETE FROM statement WHERE map_id = %s AND graph = ANY (%s)",
-                        (view.number, graph_names(named or "")),
-                    ).rowcount
+                if method == "POST":
+                    row = session.execute(f"SELECT EXISTS (SELECT {stored})", of).fetchone()
+                    existed = named is None or bool(row and row[0])
+                else:
+                    existed = session.execute(f"DELETE {stored}", of).rowcount > 0
                 FactWriter(view).insert(new)
-        if method == "DELETE" and not gone:
+        if method == "DELETE" and not existed:
             raise HTTPException(404, f"there is no graph <{named}>")
-        return Response(status_code=204 if method == "DELETE" or gone else 201)
+        return Response(status_code=204 if existed else 201)
 
     def _writer(self, request: Request) -> None:
         if self._role(request) is None:

@@ -11,6 +11,7 @@ import pytest
 import semmap
 from benchmarks.conformance import by_oxigraph, by_rdflib, by_semmap, cases, run
 from benchmarks.conformance_failures import why
+from benchmarks.conformance_graph_store import failed_steps
 from benchmarks.conformance_protocol import CHECKS, protocol_client
 from benchmarks.conformance_syntax import READERS, is_read, syntax_cases
 from semmap.knowledge.map_view import MapView
@@ -110,5 +111,8 @@ def test_the_endpoint_answers_as_the_protocol_asks(make_database: MakeDatabase) 
         database.create_map("flat")
         with protocol_client(database, "flat") as client:
             failed = [name for name, check in CHECKS.items() if not check(client)]
+            not_stored = list(failed_steps(client))
     assert [name for name in failed if why(f"protocol/{name}") is None] == []
     assert len(failed) < 2
+    assert [name for name in not_stored if why(f"graph-store/{name}") is None] == []
+    assert len(not_stored) < 8
