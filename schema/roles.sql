@@ -55,7 +55,8 @@ GRANT INSERT (key, kind, object_id, gripper_id, pose, pre_pose, post_pose, motio
 GRANT INSERT (map_id, robot_id, kind, entity_id, action_id, start, goal, deadline, outcome, message, created_at),
     UPDATE (action_id, start, goal, outcome, message) ON task TO semmap_robot;
 -- It states facts that no other table has a column for, and takes them back.
-GRANT INSERT, UPDATE, DELETE ON statement TO semmap_robot;
+GRANT INSERT, UPDATE, DELETE ON statement, triple TO semmap_robot;
+GRANT INSERT (text, tag) ON term TO semmap_robot;
 -- Its updates keep the inferences up to date; an admin decides which shapes bind them.
 GRANT INSERT, UPDATE, DELETE ON reasoning, inference TO semmap_robot;
 -- It stores data sets and the links between them; an admin takes links back.
@@ -133,7 +134,7 @@ DECLARE
     name regclass;
 BEGIN
     FOR name IN SELECT oid FROM pg_class WHERE relnamespace = 'semmap'::regnamespace
-                AND (relkind = 'r' OR relkind = 'v' AND relname IN ('gis_storey', 'gis_room', 'gis_object', 'gis_region', 'gis_connector')) LOOP
+                AND (relkind = 'r' OR relkind = 'v' AND relname IN ('statement', 'gis_storey', 'gis_room', 'gis_object', 'gis_region', 'gis_connector')) LOOP
         EXECUTE format('GRANT INSERT, UPDATE, DELETE ON %s TO semmap_admin', name);
     END LOOP;
 END $$;
@@ -153,7 +154,8 @@ BEGIN
         FROM pg_proc p LEFT JOIN (VALUES
             ('copy_map', ARRAY['semmap_admin']), ('drop_map', ARRAY['semmap_admin']), ('drop_unused_models', ARRAY['semmap_admin']),
             ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
-            ('prune_observations', ARRAY['semmap_admin']),
+            ('prune_observations', ARRAY['semmap_admin']), ('prune_terms', ARRAY['semmap_admin']),
+            ('term_ids', ARRAY['semmap_robot', 'semmap_admin']),
             ('derive_again', ARRAY['semmap_admin']), ('follow_change', ARRAY['semmap_admin']), ('recognise_parts', ARRAY['semmap_admin']),
             ('put_door', ARRAY['semmap_admin']), ('turn_to', ARRAY['semmap_admin']), ('fit_shape', ARRAY['semmap_admin']),
             ('settle', ARRAY['semmap_reader', 'semmap_robot', 'semmap_admin']),

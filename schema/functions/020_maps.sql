@@ -140,9 +140,10 @@ BEGIN
     INSERT INTO semmap.region (entity_id, of_id, model_id, faces, origin, valid)
         SELECT t.new, o.new, r.model_id, r.faces, r.origin, r.valid
         FROM semmap.region r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin o ON o.old = r.of_id;
-    INSERT INTO semmap.statement (map_id, graph, subject_id, subject, predicate, object_id, object, tag, since, until, stated_by)
-        SELECT copied, s.graph, a.new, s.subject, s.predicate, b.new, s.object, s.tag, s.since, s.until, s.stated_by
-        FROM semmap.statement s LEFT JOIN pg_temp.twin a ON a.old = s.subject_id LEFT JOIN pg_temp.twin b ON b.old = s.object_id
+    INSERT INTO semmap.triple (map_id, graph, subject, predicate, object, since, until, stated_by)
+        SELECT copied, s.graph, CASE WHEN s.subject > 0 THEN a.new ELSE s.subject END, s.predicate,
+               CASE WHEN s.object > 0 THEN b.new ELSE s.object END, s.since, s.until, s.stated_by
+        FROM semmap.triple s LEFT JOIN pg_temp.twin a ON a.old = s.subject LEFT JOIN pg_temp.twin b ON b.old = s.object
         WHERE s.map_id = original.id;
     INSERT INTO semmap.taught_relation SELECT copied, subject, relation, object FROM semmap.taught_relation WHERE map_id = original.id;
     INSERT INTO semmap.taught_action SELECT copied, action, cause, effect FROM semmap.taught_action WHERE map_id = original.id;

@@ -124,6 +124,10 @@ BEGIN
     PERFORM set_config('semmap.dropping', '', true), set_config('semmap.believing', '', true);  -- of a robot
     PERFORM semmap.prune_changes(5000);
     PERFORM semmap.prune_observations(1000);
+    IF (SELECT t.reltuples > 1000 + 2 * s.reltuples FROM pg_class t, pg_class s
+        WHERE t.oid = 'semmap.term'::regclass AND s.oid = 'semmap.triple'::regclass) THEN
+        PERFORM semmap.prune_terms(5000);
+    END IF;
     FOR ended IN
         SELECT h.entity_id FROM semmap.entity_history h JOIN semmap.retention r ON r.kind = h.kind
         WHERE h.ended AND upper(h.during) < now() - r.keep_for ORDER BY upper(h.during) LIMIT 100

@@ -446,55 +446,6 @@ BEGIN
     RETURN ARRAY[semmap.rdf_decimal(x), xsd || 'decimal'];
 END $$;
 
--- Statements about an IRI follow the entity that gets the IRI.
-
-CREATE FUNCTION statement_adopted()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
-BEGIN
-    IF EXISTS (SELECT FROM semmap.statement s WHERE s.subject IS NOT NULL OR s.tag = 'I') THEN
-        UPDATE semmap.statement s SET subject_id = f.id, subject = NULL
-            FROM fresh f WHERE s.map_id = f.map_id AND s.subject = semmap.entity_iri(f.id);
-        UPDATE semmap.statement s SET object_id = f.id, object = NULL, tag = NULL
-            FROM fresh f WHERE s.map_id = f.map_id AND s.tag = 'I' AND s.object = semmap.entity_iri(f.id);
-    END IF;
-    RETURN NULL;
-END $$;
-
-CREATE TRIGGER statement_adopted AFTER INSERT ON entity REFERENCING NEW TABLE AS fresh
-    FOR EACH STATEMENT EXECUTE FUNCTION statement_adopted();
-CREATE TRIGGER statement_readopted AFTER UPDATE ON entity REFERENCING NEW TABLE AS fresh
-    FOR EACH STATEMENT EXECUTE FUNCTION statement_adopted();
-
-CREATE FUNCTION statement_changed()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- The change log has the statements, and the entities that they are about. Deleting an entity or a map is a change already.
-DECLARE
-    stated statement[];
-BEGIN
-    IF coalesce(current_setting('semmap.dropping', true), '') <> '' THEN
-        RETURN NULL;
-    END IF;
-    IF TG_OP = 'UPDATE' THEN
-        stated := ARRAY(SELECT f FROM former f UNION ALL SELECT t FROM touched t);
-    ELSE
-        stated := ARRAY(SELECT t FROM touched t);
-    END IF;
-    INSERT INTO semmap.change (map_id, what, entities, facts)
-        SELECT s.map_id, 'statement', coalesce(array_agg(DISTINCT s.subject_id) FILTER (WHERE s.subject_id IS NOT NULL), '{}'),
-               CASE WHEN count(*) <= 200 THEN jsonb_agg(jsonb_build_array(s.graph,
-                   CASE WHEN s.subject IS NULL THEN to_jsonb(s.subject_id) ELSE to_jsonb(s.subject) END, s.predicate,
-                   CASE WHEN s.object IS NULL THEN to_jsonb(s.object_id) ELSE to_jsonb(s.object) END, s.tag)) END
-        FROM unnest(stated) s JOIN semmap.map m ON m.id = s.map_id GROUP BY s.map_id;
-    RETURN NULL;
-END $$;
-
-CREATE TRIGGER statement_added AFTER INSERT ON statement REFERENCING NEW TABLE AS touched
-    FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
-CREATE TRIGGER statement_edited AFTER UPDATE ON statement REFERENCING OLD TABLE AS former NEW TABLE AS touched
-    FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
-CREATE TRIGGER statement_removed AFTER DELETE ON statement REFERENCING OLD TABLE AS touched
-    FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
-
 CREATE FUNCTION inference_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- The change log has the inferences, as it has statements. Copies of what was told are no news.

@@ -18,7 +18,7 @@ DECLARE
     written text;
 BEGIN
     FOREACH written IN ARRAY ARRAY['connector', 'entity', 'entity_model', 'inference', 'link', 'observation', 'placement', 'region',
-                                   'statement', 'support_surface'] LOOP
+                                   'support_surface', 'triple'] LOOP
         EXECUTE format('CREATE TRIGGER a_robot_sets_nothing AFTER INSERT OR UPDATE OR DELETE ON %I '
                        'FOR EACH STATEMENT EXECUTE FUNCTION robot_sets_nothing()', written);
     END LOOP;

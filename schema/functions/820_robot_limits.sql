@@ -19,6 +19,8 @@ END;
 CREATE FUNCTION robot_states_its_own()
 RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- A robot states in its own name. Of the statements of others, it deletes those that have ended, and lets others last longer.
+DECLARE
+    unstated CONSTANT text[] := ARRAY['until', 'subject_id', 'object_id'];  -- those that the server generates are not there yet
 BEGIN
     IF TG_OP = 'INSERT' THEN
         NEW.stated_by := CASE WHEN semmap.is_trusted() THEN NEW.stated_by ELSE current_user END;
@@ -26,7 +28,7 @@ BEGIN
         IF NOT EXISTS (SELECT FROM pg_catalog.pg_roles r WHERE r.rolname = OLD.stated_by AND pg_has_role(r.oid, 'MEMBER'))
            AND coalesce(OLD.until > statement_timestamp(), true)
            AND (TG_OP = 'DELETE' OR NEW.until < coalesce(OLD.until, 'infinity')
-                OR to_jsonb(NEW) - 'until' <> to_jsonb(OLD) - 'until') THEN
+                OR to_jsonb(NEW) - unstated <> to_jsonb(OLD) - unstated) THEN
             RAISE EXCEPTION 'statement %: % stated it', OLD.id, coalesce(OLD.stated_by, 'nobody known')
                 USING ERRCODE = 'insufficient_privilege', HINT = 'A robot changes and takes back its own statements.';
         ELSIF TG_OP = 'UPDATE' THEN
@@ -36,7 +38,7 @@ BEGIN
     RETURN CASE TG_OP WHEN 'DELETE' THEN OLD ELSE NEW END;
 END $$;
 
-CREATE TRIGGER robot_states_its_own BEFORE INSERT OR UPDATE OR DELETE ON statement
+CREATE TRIGGER robot_states_its_own BEFORE INSERT OR UPDATE OR DELETE ON triple
     FOR EACH ROW EXECUTE FUNCTION robot_states_its_own();
 
 DO $$
@@ -60,7 +62,8 @@ BEGIN
         ('mission_step', 'ended_at', 'NOT is_recent(NEW.ended_at)', 'times of the last 30 days'),
         ('mission_step', 'ended_at', 'NEW.ended_at < NEW.started_at', 'ends after their starts'),
         ('task', NULL, 'NOT is_recent(NEW.created_at)', 'times of the last 30 days'),
-        ('statement', 'since', 'NOT is_recent(NEW.since)', 'times of the last 30 days')) b (of, stated, beyond, sentence)
+        ('triple', 'since', 'NOT is_recent(NEW.since)', 'times of the last 30 days'),
+        ('term', NULL, 'octet_length(NEW.text) > 65536', 'terms of at most 64 kB')) b (of, stated, beyond, sentence)
     LOOP
         EXECUTE format('CREATE TRIGGER robot_adds_less_%s BEFORE INSERT ON %I FOR EACH ROW WHEN (%s) '
                        'EXECUTE FUNCTION robot_states_less(%L)', bound.number, bound.of, bound.beyond, bound.sentence);

@@ -86,7 +86,7 @@ class KnowledgeClient:
         with self.view() as view:
             # Rows that another transaction changes are left to it.
             view.session.execute(
-                "DELETE FROM statement WHERE id IN (SELECT id FROM statement WHERE map_id = %s "
+                "DELETE FROM triple WHERE id IN (SELECT id FROM triple WHERE map_id = %s "
                 "AND until <= statement_timestamp() FOR UPDATE SKIP LOCKED)",
                 (view.number,),
             )
@@ -283,8 +283,9 @@ class KnowledgeClient:
         """Return the models that have statements."""
         with self.view() as view:
             rows = view.session.execute(
-                "SELECT DISTINCT graph FROM statement WHERE map_id = %s AND graph <> '' "
-                "AND (until IS NULL OR until > statement_timestamp()) ORDER BY graph",
+                "SELECT text FROM term WHERE id IN (SELECT graph FROM triple WHERE map_id = %s "
+                "AND graph <> 0 AND (until IS NULL OR until > statement_timestamp())) "
+                "ORDER BY text",
                 (view.number,),
             ).fetchall()
         return [str(name_of(rdflib.URIRef(graph), self.map_name)) for (graph,) in rows]

@@ -39,15 +39,26 @@ from semmap.query.refusal import denied
 SKOLEM = "urn:semmap:blank:"  # blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)
 
 _STATE = """
-INSERT INTO statement (graph, subject_id, subject, predicate, object_id, object, tag, map_id, until)
-SELECT s.*, %s::integer, %s::timestamptz FROM unnest(
-    %s::text[], %s::bigint[], %s::text[], %s::text[], %s::bigint[], %s::text[], %s::text[]) s
-ON CONFLICT (map_id, predicate, graph, coalesce(subject_id, 0), coalesce(subject, ''),
-             coalesce(object_id, 0), md5(coalesce(object, '')), coalesce(tag, ''))
-DO UPDATE SET until = excluded.until, since = CASE
-    WHEN statement.until > statement_timestamp() THEN statement.since ELSE excluded.since END
-WHERE statement.until < coalesce(excluded.until, 'infinity')
+INSERT INTO triple (graph, subject, predicate, object, map_id, until)
+SELECT s.*, %s::integer, %s::timestamptz
+FROM unnest(%s::bigint[], %s::bigint[], %s::bigint[], %s::bigint[]) s
+ON CONFLICT (map_id, predicate, subject, object, graph) DO UPDATE SET until = excluded.until,
+    since = CASE WHEN triple.until > statement_timestamp() THEN triple.since ELSE excluded.since END
+WHERE triple.until < coalesce(excluded.until, 'infinity')
 """
+_TAKE_BACK = """
+DELETE FROM triple t USING unnest(%s::bigint[], %s::bigint[], %s::bigint[], %s::bigint[])
+    AS s (graph, subject, predicate, object)
+WHERE t.map_id = %s AND t.graph = s.graph AND t.subject = s.subject AND t.predicate = s.predicate
+AND t.object = s.object
+"""
+_ADDED = "SELECT term_ids(%s::text[], %s::text[])"
+_KNOWN = (
+    "SELECT array_agg(term_id(text, tag) ORDER BY n) "
+    "FROM unnest(%s::text[], %s::text[]) WITH ORDINALITY t (text, tag, n)"
+)
+"""The numbers of terms: of all, or null for one that no statement has."""
+
 _BATCH = 10_000  # statements of one command
 
 
@@ -125,25 +136,34 @@ class FactWriter:
                 raise RefusedError("this graph has what follows from other facts only", fact)
         # Types first: they make the entities that other facts are about.
         facts.sort(key=lambda fact: str(fact.property) != f"{RDF}type")
-        added, statements = 0, list[tuple[Fact, str]]()
-        for fact in facts:
-            iri = self._property_of(fact)
-            changed = self._insert_in_table(fact, iri)
-            if changed is None:
-                statements.append((fact, iri))
-            elif changed:
-                added += changed
-                self._touch(fact)
-        return added + self._insert_statements(statements)
+        return self._change(facts, self._insert_in_table, _STATE, _ADDED)
 
     def delete(self, facts: Iterable[Fact]) -> int:
         """Remove facts; return how many there were."""
-        removed = 0
-        for fact in self._resolved(facts):
-            if changed := self._delete_fact(fact, self._property_of(fact)):
-                removed += changed
+        return self._change(self._resolved(facts), self._delete_in_table, _TAKE_BACK, _KNOWN)
+
+    def _change(
+        self,
+        facts: list[Fact],
+        in_table: Callable[[Fact, str], int | None],
+        in_statements: str,
+        numbers: str,
+    ) -> int:
+        """Change facts in tables, and the others as statements, many in one command."""
+        changed, statements = 0, list[tuple[Fact, str]]()
+        for fact in facts:
+            self._view.check_time()
+            iri = self._property_of(fact)
+            done = in_table(fact, iri)
+            if done is None:
+                statements.append((fact, iri))
+            elif done:
+                changed += done
                 self._touch(fact)
-        return removed
+        for first in range(0, len(statements), _BATCH):
+            some = statements[first : first + _BATCH]
+            changed += self._change_statements(some, in_statements, numbers)
+        return changed
 
     def _resolved(self, facts: Iterable[Fact]) -> list[Fact]:
         found = list(dict.fromkeys(facts))
@@ -152,10 +172,28 @@ class FactWriter:
         self._constants = resolve(view.session, iris, view.namespace, view.number)
         return found
 
+    def _change_statements(self, some: list[tuple[Fact, str]], sql: str, numbers: str) -> int:
+        self._view.check_time()
+        session = self._view.session
+        quads = [self._quad(fact, iri) for fact, iri in some]
+        terms = list({end for quad in quads for end in quad if isinstance(end, tuple)})
+        texts, tags = ([term[i] for term in terms] for i in (0, 1))
+        row = session.execute(numbers, [texts, tags]).fetchone()
+        assert row is not None
+        number = dict(zip(terms, row[0], strict=True))
+        rows = {tuple(number[e] if isinstance(e, tuple) else e for e in quad) for quad in quads}
+        columns = [list(column) for column in zip(*rows, strict=True)]
+        values = [self._view.number, self._until] if sql is _STATE else [self._view.number]
+        places = [*values, *columns] if sql is _STATE else [*columns, *values]
+        changed = session.execute(sql, places).rowcount
+        if changed:
+            for fact, _ in some:
+                self._touch(fact)
+        return changed
+
     def _property_of(self, fact: Fact) -> str:
         if isinstance(fact.subject, rdflib.Literal) or not isinstance(fact.property, rdflib.URIRef):
             raise RefusedError("the subject is a literal, or the property is not an IRI", fact)
-        self._view.check_time()
         return self._constants.property(str(fact.property))
 
     def _touch(self, fact: Fact) -> None:
@@ -179,40 +217,21 @@ class FactWriter:
         self._refuse_mapped(fact, iri)
         return None
 
-    def _insert_statements(self, statements: list[tuple[Fact, str]]) -> int:
-        """Add statements, many in one command; return how many are new or end later."""
-        added = 0
-        for first in range(0, len(statements), _BATCH):
-            self._view.check_time()
-            some = statements[first : first + _BATCH]
-            rows = {tuple(self._columns(fact, iri).values()): fact for fact, iri in some}
-            columns = [list(column) for column in zip(*rows, strict=True)]
-            found = self._view.session.execute(_STATE, [self._view.number, self._until, *columns])
-            if found.rowcount:
-                added += found.rowcount
-                self._view.touched.update(*((f.subject, f.object) for f in rows.values()))
-        return added
-
-    def _delete_fact(self, fact: Fact, iri: str) -> int:
-        if fact.graph is None:
-            if iri == f"{RDF}type" and self._type(fact) is not None:
-                return self._execute(
-                    "UPDATE entity SET type = NULL WHERE id = %(id)s AND type = %(type)s",
-                    {"id": self._entity(fact.subject), "type": self._type(fact)},
-                )
-            table = self._table(fact, iri)
-            if table is not None:
-                sql = table.delete
-                return 0 if sql is None else self._execute(sql, table.values(self, fact, iri))
-            self._refuse_mapped(fact, iri)
-        return self._execute(
-            "DELETE FROM statement WHERE map_id = %(map)s AND graph = %(graph)s "
-            "AND predicate = %(predicate)s AND subject_id IS NOT DISTINCT FROM %(subject_id)s "
-            "AND subject IS NOT DISTINCT FROM %(subject)s "
-            "AND object_id IS NOT DISTINCT FROM %(object_id)s "
-            "AND object IS NOT DISTINCT FROM %(object)s AND tag IS NOT DISTINCT FROM %(tag)s",
-            {"map": self._view.number, **self._columns(fact, iri)},
-        )
+    def _delete_in_table(self, fact: Fact, iri: str) -> int | None:
+        """Remove a fact from the table that has columns for it; None: it is a statement."""
+        if fact.graph is not None:
+            return None
+        if iri == f"{RDF}type" and self._type(fact) is not None:
+            return self._execute(
+                "UPDATE entity SET type = NULL WHERE id = %(id)s AND type = %(type)s",
+                {"id": self._entity(fact.subject), "type": self._type(fact)},
+            )
+        table = self._table(fact, iri)
+        if table is not None:
+            sql = table.delete
+            return 0 if sql is None else self._execute(sql, table.values(self, fact, iri))
+        self._refuse_mapped(fact, iri)
+        return None
 
     def _table(self, fact: Fact, iri: str) -> _Table | None:
         """Return where a property is kept; None for statements, and labels of what is no entity."""
@@ -266,22 +285,21 @@ class FactWriter:
         form, key = self._constants.node(str(term))
         return self._type_iri(str(key)) if form == "type" else str(term)
 
-    def _columns(self, fact: Fact, iri: str) -> dict[str, Any]:
-        subject, object_ = self._entity(fact.subject), self._entity(fact.object)
-        text, tag = tag_and_text(fact.object)
-        if isinstance(fact.object, (rdflib.BNode, rdflib.URIRef)):
-            text, tag = self._iri(fact.object), "I"
+    def _quad(self, fact: Fact, iri: str) -> tuple[int | tuple[str, str], ...]:
+        """Return graph, subject, property and object: numbers of entities, texts and tags."""
+        object_: int | tuple[str, str] | None = self._entity(fact.object)
         if iri == f"{RDF}type" and (type_ := self._type(fact)) is not None:
-            object_, text, tag = None, self._type_iri(type_), "I"
-        return {
-            "graph": "" if fact.graph is None else str(fact.graph),
-            "subject_id": subject,
-            "subject": None if subject is not None else self._iri(fact.subject),
-            "predicate": iri,
-            "object_id": object_,
-            "object": None if object_ is not None else text,
-            "tag": None if object_ is not None else tag,
-        }
+            object_ = self._type_iri(type_), "I"
+        elif object_ is None:
+            resource = isinstance(fact.object, (rdflib.BNode, rdflib.URIRef))
+            object_ = (self._iri(fact.object), "I") if resource else tag_and_text(fact.object)
+        subject = self._entity(fact.subject)
+        return (
+            0 if fact.graph is None else (str(fact.graph), "I"),
+            (self._iri(fact.subject), "I") if subject is None else subject,
+            (iri, "I"),
+            object_,
+        )
 
     def _known(self, term: Any, fact: Fact) -> int:
         entity = self._entity(term)

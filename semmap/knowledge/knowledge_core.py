@@ -101,7 +101,7 @@ class KB(AbstractContextManager["KB"]):
                 self._client.unsubscribe(number)
         self._subscribed.clear()
         with self._client.view() as view:
-            view.session.execute("DELETE FROM statement WHERE map_id = %s", (view.number,))
+            view.session.execute("DELETE FROM triple WHERE map_id = %s", (view.number,))
 
     def load(self, filename: str | Path, models: Models = None) -> None:
         """Add the statements of an RDF file: RDF/XML, Turtle, N3 or N-Triples."""

@@ -13,7 +13,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.database.maps import pick_map
 from semmap.knowledge.fields.rows import FieldRows
-from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, resolve
+from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, literals_in, resolve
 from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, term_of
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, MapGraph
 from semmap.knowledge.sparql.translator import SqlStatement, translate
@@ -83,7 +83,9 @@ class MapView:
     def basis(self, algebra: Any, kept: dict[Any, Any]) -> Basis:
         """Read what a translation follows from besides the text, of which `kept` was made."""
         if ("lookup", self.name) not in kept:
-            kept["lookup", self.name] = Lookup(iris_in(algebra), self.namespace)
+            kept["lookup", self.name] = Lookup(
+                iris_in(algebra), self.namespace, literals_in(algebra)
+            )
         return Basis.read(self.session, kept["lookup", self.name], self.number)
 
     def statement(

@@ -169,10 +169,21 @@ def _facts_of(table: str, condition: str, of_entity: str = "") -> Iterator[Tripl
             yield TripleMap("", source, subject, object_, name="{a}.predicate")
 
 
-STATEMENTS: tuple[TripleMap, ...] = tuple(
-    _facts_of("statement", "({a}.until IS NULL OR {a}.until > statement_timestamp())")
+_LASTS = "({a}.until IS NULL OR {a}.until > statement_timestamp())"
+
+STATEMENTS: tuple[TripleMap, ...] = (
+    TripleMap(
+        "",
+        TripleTables(("triple",), (_LASTS,), "{a}.map_id"),
+        Value("resource", "{a}.subject"),
+        Value("stored", "{a}.object"),
+        name="{a}.predicate",
+    ),
 )
-"""The table `statement`, by the forms of subject and object."""
+"""The table `triple`: numbers of entities and terms."""
+
+STATEMENTS_AS_TEXTS: tuple[TripleMap, ...] = tuple(_facts_of("statement", _LASTS))
+"""The view `statement`, by the forms of subject and object."""
 
 INFERRED_GRAPH = "urn:semmap:inferred"  # the named graph of what rules infer; it cannot be written
 

@@ -311,7 +311,8 @@ class MapStore(Store):
     def contexts(self, triple: Any = None) -> Generator[Any, None, None]:
         """Yield the named graphs."""
         rows = self._view.session.execute(
-            "SELECT DISTINCT graph FROM statement WHERE map_id = %s AND graph <> ''",
+            "SELECT text FROM term WHERE id IN "
+            "(SELECT graph FROM triple WHERE map_id = %s AND graph <> 0)",
             (self._view.number,),
         ).fetchall()
         chosen = self._view.chosen

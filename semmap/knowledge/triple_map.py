@@ -13,6 +13,8 @@ Form = str
 - a node: a key, from which the IRI is made;
 - a datatype: a value of SQL;
 - "iri": the IRI itself;
+- "resource": the number of an entity or, negative, of an IRI in `term`;
+- "stored": the number of an entity or, negative, of any term in `term`;
 - "term": any term, as its text and its tag (`schema/functions/500_knowledge.sql`).
 """
 

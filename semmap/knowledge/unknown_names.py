@@ -19,8 +19,8 @@ from semmap.knowledge.vocabulary import SEMMAP, TYPE, decode
 from semmap.suggestions import suggestion
 
 _STATED = (
-    "SELECT DISTINCT n FROM unnest(%(iris)s::text[]) n, statement s WHERE s.map_id = %(map)s "
-    "AND n IN (s.subject, s.predicate, s.object, s.graph)"
+    "SELECT n FROM unnest(%(iris)s::text[]) n WHERE EXISTS (SELECT FROM triple s "
+    "WHERE s.map_id = %(map)s AND term_id(n) IN (s.subject, s.predicate, s.object, s.graph))"
 )
 _ENTITIES = "SELECT name FROM entity WHERE map_id = %s"
 _TYPES = "SELECT name FROM semantic_type"

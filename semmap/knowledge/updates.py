@@ -141,10 +141,10 @@ def _instances(view: MapView, template: Any, where: Any, graph: Any) -> Iterator
 
 
 def _clear(view: MapView, graph: str) -> int:
-    conditions = {"NAMED": "graph <> ''", "ALL": "true", "DEFAULT": "graph = ''"}
+    conditions = {"NAMED": "graph <> 0", "ALL": "true", "DEFAULT": "graph = 0"}
+    named = "graph IN (SELECT term_id(n) FROM unnest(%(graphs)s::text[]) n)"
     removed = view.session.execute(
-        "DELETE FROM statement WHERE map_id = %(map)s AND "
-        + conditions.get(graph, "graph = ANY (%(graphs)s)"),
+        f"DELETE FROM triple WHERE map_id = %(map)s AND {conditions.get(graph, named)}".encode(),
         {"map": view.number, "graphs": graph_names(graph)},
     ).rowcount
     if graph in ("DEFAULT", "ALL"):

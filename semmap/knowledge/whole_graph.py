@@ -12,7 +12,7 @@ import rdflib
 from pyoxigraph import RdfFormat
 
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.mapping import INFERENCES, INFERRED_GRAPH, STATEMENTS, TRIPLES
+from semmap.knowledge.mapping import INFERENCES, INFERRED_GRAPH, STATEMENTS_AS_TEXTS, TRIPLES
 from semmap.knowledge.sparql.kept_queries import Session, term_of
 from semmap.knowledge.sparql.values import tag_of, text_of
 from semmap.knowledge.triple_map import OWN_LETTERS, TripleMap
@@ -23,7 +23,7 @@ Graph = TypeVar("Graph", bound=rdflib.Graph)
 
 def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, Any, Any, Any]]:
     """Yield subject, property, object and graph of each fact; None is the default graph."""
-    return facts_of(session, (*TRIPLES, *STATEMENTS, *(INFERENCES if inferences else ())))
+    return facts_of(session, (*TRIPLES, *STATEMENTS_AS_TEXTS, *(INFERENCES if inferences else ())))
 
 
 def facts_of(session: Session, triples: Iterable[TripleMap]) -> Iterator[tuple[Any, Any, Any, Any]]:
@@ -135,7 +135,7 @@ def triple_query(triple: TripleMap) -> str:
         triple.verb(OWN_LETTERS)[0],
         text_of(object_, "%(namespace)s::text"),
         tag_of(object_),
-        "a.graph" if triple in STATEMENTS else inferred,
+        "a.graph" if triple in STATEMENTS_AS_TEXTS else inferred,
     )
     tables, where = triple.tables()
     return f"SELECT {', '.join(columns)} FROM {', '.join(tables)} WHERE {' AND '.join(where)}"

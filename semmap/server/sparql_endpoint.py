@@ -148,7 +148,8 @@ class SparqlEndpoint:
             graph = None if named is None else rdflib.URIRef(named)
             new = [fact._replace(graph=graph) for fact in parsed]
         with self._session(request) as session, limited_view(session, self._seconds) as view:
-            stored = "FROM statement WHERE map_id = %s AND graph = ANY (%s)"
+            named_so = "graph IN (SELECT term_id(n) FROM unnest(%s::text[]) n)"
+            stored = f"FROM triple WHERE map_id = %s AND {named_so}"
             of = (view.number, graph_names(named or ""))
             with with_consequences(view):
                 if method == "POST":

@@ -21,6 +21,7 @@ EXECUTABLE = {
     "hold_still": {"semmap_robot", "semmap_admin"},
     "prune_changes": {"semmap_admin"},
     "prune_observations": {"semmap_admin"},
+    "prune_terms": {"semmap_admin"},
     "prune_history": {"semmap_admin"},
     "refresh_belief": {"semmap_robot", "semmap_admin"},
     "robot_wastes_turn": {"semmap_robot", "semmap_admin"},

@@ -276,6 +276,7 @@ REFUSED = {
         "INSERT INTO statement (map_id, subject, predicate, object, tag, since) "
         "SELECT id, 'urn:a', 'urn:b', 'c', 'I', '2999-01-01' FROM map"
     ),
+    "a long text": "SELECT term_ids(ARRAY[repeat('a', 65537)], ARRAY['I'])",
 }
 MISSION = (
     "INSERT INTO mission (map_id, robot_id, goal) "

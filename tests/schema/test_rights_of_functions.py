@@ -58,6 +58,8 @@ CALLS: dict[str, set[str]] = {
     "move_to({room}, 1, 2, 3)": {"admin"},
     "prune_changes()": {"admin"},
     "prune_observations()": {"admin"},
+    "prune_terms()": {"admin"},
+    "term_ids('{{urn:a}}', '{{I}}')": WRITERS,
     "follow_sighting({mug})": set(),
     "prune_history()": {"admin"},
     "put({mug}, NULL)": WRITERS,

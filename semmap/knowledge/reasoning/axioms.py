@@ -44,9 +44,12 @@ class OntologyAxioms:
         """Return the axioms of a map; the state of the last run says if equality was among them."""
         hierarchy = Hierarchy.read(view)
         rows = view.session.execute(
-            f"SELECT {COLUMNS} FROM statement WHERE map_id = %(map)s AND graph = '' AND (until IS "
-            "NULL OR until > statement_timestamp()) AND (predicate = ANY (%(properties)s) OR "
-            "predicate = %(type)s AND tag = 'I' AND object = ANY (%(classes)s))",
+            f"SELECT {COLUMNS} FROM statement WHERE id IN (SELECT t.id FROM triple t "
+            "WHERE t.map_id = %(map)s AND t.graph = 0 "
+            "AND (t.until IS NULL OR t.until > statement_timestamp()) "
+            "AND (t.predicate = ANY (ARRAY(SELECT term_id(p) FROM unnest(%(properties)s) p)) "
+            "OR t.predicate = term_id(%(type)s) "
+            "AND t.object = ANY (ARRAY(SELECT term_id(c) FROM unnest(%(classes)s) c))))",
             {
                 "map": view.number,
                 "properties": [*AXIOM_PROPERTIES, SAME_AS],

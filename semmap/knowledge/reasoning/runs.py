@@ -134,7 +134,7 @@ class Changed:
             others |= what in ("statement", "removed")
             ids.update(entities)
         for pair in view.session.execute(
-            "SELECT subject_id, object_id FROM statement WHERE map_id = %s AND until > %s "
+            "SELECT subject_id, object_id FROM triple WHERE map_id = %s AND until > %s "
             "AND until <= statement_timestamp()",
             (view.number, at),
         ):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.mapping import STATEMENTS, TRIPLES, WORLD
+from semmap.knowledge.mapping import STATEMENTS_AS_TEXTS, TRIPLES, WORLD
 from semmap.knowledge.reasoning.engine import TYPE_OF, Node, Triple
 from semmap.knowledge.reasoning.rules import AXIOM_PROPERTIES
 from semmap.knowledge.triple_map import OWN_LETTERS, TripleMap
@@ -103,7 +103,7 @@ def told_facts(
     classes = rules.classes | rules.heads
     parts: list[str] = []
     values: dict[str, Any] = {"map": view.number, "ids": None if ids is None else list(ids)}
-    for triple in (*TOLD, *STATEMENTS):
+    for triple in (*TOLD, *STATEMENTS_AS_TEXTS):
         about = triple.subject.form == "entity"
         if not about and not others:
             continue
@@ -174,7 +174,7 @@ def _select(
         where.append(f"{local} <> ALL (%({parameter})s)")
     elif properties is not None and triple.property not in properties:
         return "", []
-    if triple in STATEMENTS:
+    if triple in STATEMENTS_AS_TEXTS:
         where.append("a.graph = ''")
     subject, object_ = (each.placed(OWN_LETTERS) for each in (triple.subject, triple.object))
     if ids is not None:

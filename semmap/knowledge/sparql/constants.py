@@ -32,11 +32,13 @@ class Constants:
     types_of: Mapping[str, str] = field(default_factory=dict)
     classes: Mapping[str, str] = field(default_factory=dict)  # the IRI of each type in its ontology
     stated: frozenset[str] | None = None  # the properties of statements; None: any
+    # by text and tag, the numbers of terms that statements have; None where none was looked up
+    terms: Mapping[tuple[str, str], int] | None = None
 
     @property
     def key(self) -> tuple[Any, ...]:
         """What tells these constants from others."""
-        parts = (self.known, self.types_of, self.classes)
+        parts = (self.known, self.types_of, self.classes, self.terms or {})
         return (*(frozenset(each.items()) for each in parts), self.stated)
 
     def node(self, iri: str, *, as_type: bool = False) -> tuple[Form, Any]:
@@ -52,6 +54,7 @@ class Constants:
             {iri: self.known[iri] for iri in wanted & self.known.keys()},
             {iri: self.types_of[iri] for iri in wanted & self.types_of.keys()},
             dict(self.classes),
+            terms=self.terms,
         )
 
     def class_of(self, type_: str) -> str:
@@ -85,16 +88,21 @@ _NODES = (
     "SELECT 'type', iri, name, NULL FROM semantic_type WHERE iri = ANY (%(iris)s::text[])",
     "SELECT 'name', iri, name, NULL FROM semantic_type WHERE name = ANY (%(types)s::text[])",
     "SELECT 'stated', p, NULL, NULL FROM unnest(%(properties)s::text[]) p WHERE EXISTS "
-    "(SELECT FROM statement s WHERE s.map_id = %(map)s::int AND s.predicate = p)",
+    "(SELECT FROM triple s WHERE s.map_id = %(map)s::int AND s.predicate = term_id(p))",
+    "SELECT 'term', t.text, t.id::text, t.tag FROM unnest(%(texts)s::text[], %(tags)s::text[]) "
+    "n (text, tag) JOIN term t "
+    "ON md5(t.text)::uuid = md5(n.text)::uuid AND t.tag = n.tag AND t.text = n.text",
 )
 
 Found = tuple[str | None, ...]  # what a statement of `Lookup` finds: a kind, and three texts
 
 
 class Lookup:
-    """What the IRIs of a text may stand for, and the statement that looks them up in a `map`."""
+    """What terms of a text may stand for, and the statement that looks them up in a `map`."""
 
-    def __init__(self, iris: Iterable[str], namespace: str) -> None:
+    def __init__(
+        self, iris: Iterable[str], namespace: str, literals: Iterable[tuple[str, str]] = ()
+    ) -> None:
         self._known: dict[str, tuple[Form, Any]] = {}
         self._names: dict[str, list[tuple[str, Form]]] = {}
         self._types: dict[str, list[str]] = {}
@@ -111,6 +119,10 @@ class Lookup:
                 each for each in map(Constants({}).property, self._iris) if not is_mapped(each)
             ),
         }
+        resources = self._iris | {*self.parameters["properties"]}
+        terms = sorted({*((iri, "I") for iri in resources), *literals})
+        self.parameters["texts"] = [text for text, _ in terms]
+        self.parameters["tags"] = [tag for _, tag in terms]
         for form, keys in self._keyed.items():
             table, column, type_ = NODES[form].keyed or ("", "", "")
             self.parameters[form] = sorted(
@@ -163,7 +175,8 @@ class Lookup:
             elif kind in self._keyed:
                 known[self._keyed[kind or ""][found or ""]] = (kind or "", int(key))
         stated = frozenset(found or "" for kind, found, _ in texts if kind == "stated")
-        return Constants(known, types, classes, stated)
+        terms = {(text or "", tag or ""): int(n or 0) for of, text, n, tag in rows if of == "term"}
+        return Constants(known, types, classes, stated, terms)
 
 
 def resolve(
@@ -185,6 +198,11 @@ def _node_of_map(part: str) -> tuple[Form, str | None]:
 def iris_in(tree: Any) -> Iterator[str]:
     """Yield the IRIs of a part of the algebra."""
     return (str(each) for each in nodes_in(tree) if isinstance(each, rdflib.URIRef))
+
+
+def literals_in(tree: Any) -> Iterator[tuple[str, str]]:
+    """Yield text and tag of the literals of a part of the algebra."""
+    return (tag_and_text(each) for each in nodes_in(tree) if isinstance(each, rdflib.Literal))
 
 
 def tag_and_text(term: Any) -> tuple[str, str]:

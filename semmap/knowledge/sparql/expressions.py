@@ -62,7 +62,8 @@ class Expressions:
     def value(self, tree: Any, seen: Environment) -> Value:
         """Return the value of an expression. Raises UntranslatedError: it has no translation."""
         if isinstance(tree, rdflib.Variable):
-            return seen.get(str(tree), UNBOUND)
+            found = seen.get(str(tree), UNBOUND)
+            return self._term(found) if found.form == "stored" else found
         if isinstance(tree, rdflib.Literal):
             return self._literal(tree)
         if isinstance(tree, rdflib.term.Identifier):
@@ -71,8 +72,8 @@ class Expressions:
             name = tree.name.removeprefix("Builtin_")
             method = getattr(self, f"_of_{name}", None)
             if method is not None:
-                found: Value = method(tree, seen)
-                return found
+                result: Value = method(tree, seen)
+                return result
             if name in _WITHOUT_ARGUMENTS:
                 return _WITHOUT_ARGUMENTS[name]
             if name in _ROWS:
@@ -177,7 +178,7 @@ class Expressions:
         return Value("boolean", f"(NOT {self.condition(tree.expr, seen)})")
 
     def _of_BOUND(self, tree: Any, seen: Environment) -> Value:
-        return Value("boolean", f"({self.value(tree.arg, seen).sql} IS NOT NULL)")
+        return Value("boolean", f"({seen.get(str(tree.arg), UNBOUND).sql} IS NOT NULL)")
 
     def _existing(self, tree: Any, seen: Environment, sql: str) -> Value:
         return Value("boolean", sql.format(self.exists(tree.graph, seen)))

@@ -13,7 +13,7 @@ from rdflib.paths import InvPath, MulPath, NegatedPath
 from semmap.knowledge.sparql.relation import Rows, in_form, union_form
 from semmap.knowledge.sparql.scope import Part, PatternScope
 from semmap.knowledge.sparql.triple_match import TripleMatch
-from semmap.knowledge.sparql.values import as_term
+from semmap.knowledge.sparql.values import NUMBERED, as_term, number_of, same
 from semmap.knowledge.triple_map import Form, Value
 
 
@@ -54,7 +54,9 @@ class PropertyPaths(TripleMatch, ABC):
             rows = self._one(start, verb, end, scope)
             value = rows.variables.pop(str(verb))
             for iri in excluded:
-                rows.where.append(f"{value.sql} <> {self._bind(self.constants.property(str(iri)))}")
+                text = self.constants.property(str(iri))
+                known = Value("iri", self._bind(text), None, (text, "I"))
+                rows.where.append(f"NOT {same(value, known, self.namespace)}")
             yield rows
 
     def _walk(self, rows: Rows, start: Part, path: MulPath, end: Part, scope: PatternScope) -> None:
@@ -76,14 +78,23 @@ class PropertyPaths(TripleMatch, ABC):
         if from_side is None:
             found = self._all_paths(step, path.mod, scope)
         else:
-            form = union_form([*step_forms, given[from_side]])
+            start_value = self._seed(given[from_side], union_form(step_forms), zero=zero)
+            form = union_form([*step_forms, start_value])
             one = self._pairs(step, form, reverse=from_side == "b")
-            seed = in_form(given[from_side], form, self.namespace)
+            seed = in_form(start_value, form, self.namespace)
             found = self._reached(one, seed, form, path.mod, zero)
             reached = "b" if from_side == "a" else "a"
             found.variables = {f"*{reached}": found.variables["*"]}
             found.variables[f"*{from_side}"] = given[from_side]
         rows.join(self._renamed(found, {"*a": start, "*b": end}), self.namespace)
+
+    def _seed(self, given: Value, form: Form, *, zero: bool) -> Value:
+        """Return where a path begins: a number, where its steps have numbers."""
+        if form not in ("resource", "stored") or given.form in NUMBERED:
+            return given
+        if given.constant is not None:
+            return self._as_number(given, form) or given
+        return given if zero else Value(form, number_of(given, self.namespace))
 
     def _pairs(self, step: Rows, form: Form, *, reverse: bool) -> str:
         """Return a SELECT of both ends of a step in one form."""

@@ -7,7 +7,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from semmap.knowledge.mapping import TRIPLES
-from semmap.knowledge.sparql.values import Parameters, are_disjoint, as_term, encoded, same
+from semmap.knowledge.sparql.values import (
+    NUMBERED,
+    Parameters,
+    are_disjoint,
+    as_term,
+    encoded,
+    same,
+)
 from semmap.knowledge.triple_map import Form, Value
 
 UNBOUND = Value("term", "NULL::text", "NULL::text")  # a variable that nothing binds, or an error
@@ -61,7 +68,7 @@ class Rows:
             self.variables[name] = either(known, value, namespace) if nullable else value
             if not nullable:
                 self.nullable.discard(name)
-        elif not nullable and known.form in ("term", "iri") and value.form != "term":
+        elif not nullable and _says_more(value.form, known.form):
             self.variables[name] = value
 
     def join(self, other: Rows, namespace: str) -> None:
@@ -70,6 +77,13 @@ class Rows:
         self.where += other.where
         for name, value in other.variables.items():
             self.bind(name, value, namespace, nullable=name in other.nullable)
+
+
+def _says_more(form: Form, known: Form) -> bool:
+    """Return whether a variable of both forms is better kept as the first one."""
+    if form in NUMBERED and known in NUMBERED:
+        return NUMBERED.index(form) < NUMBERED.index(known)
+    return known in ("term", "iri") and form != "term"
 
 
 def renamed(values: Mapping[str, Value], alias: str) -> dict[str, Value]:
@@ -85,6 +99,8 @@ def renamed(values: Mapping[str, Value], alias: str) -> dict[str, Value]:
 def union_form(values: Iterable[Value | None]) -> Form:
     """Return the form that columns with all these values have."""
     forms = {v.form for v in values if v is not None and v is not UNBOUND}
+    if len(forms) > 1 and forms <= {*NUMBERED}:
+        return max(forms, key=NUMBERED.index)
     return forms.pop() if len(forms) == 1 else "term"
 
 
@@ -92,7 +108,7 @@ def in_form(value: Value, form: Form, namespace: str) -> Value:
     """Return a value in a form that `union_form` found."""
     if value is UNBOUND and form != "term":
         return Value(form, f"NULL::{SQL_TYPES.get(form, 'bigint')}")
-    return as_term(value, namespace) if form == "term" else value
+    return as_term(value, namespace) if form == "term" else replace(value, form=form)
 
 
 SQL_TYPES: Mapping[Form, str] = {

@@ -236,12 +236,10 @@ class _Translator(TriplePatterns):
 
     def _graphs(self, name: str) -> Rows:
         alias, graph = self.parameters.alias("q"), self.parameters.alias()
-        rows = Rows(
-            [f"statement {graph}"], [f"{graph}.map_id = {self.map_id}", _ALIVE.format(graph)]
-        )
+        rows = Rows([f"triple {graph}"], [f"{graph}.map_id = {self.map_id}", _ALIVE.format(graph)])
         self._match_graph(rows, graph, name)
         select = rows.select([rows.variables[name]], distinct=True)
-        return Rows([f"LATERAL ({select}) {alias}"], [], {name: Value("iri", f"{alias}.c0")})
+        return Rows([f"LATERAL ({select}) {alias}"], [], {name: Value("resource", f"{alias}.c0")})
 
     def _rows_ToMultiSet(self, node: Any, scope: PatternScope) -> Rows:
         if isinstance(node.p, list):
@@ -338,7 +336,9 @@ class _Translator(TriplePatterns):
         rows = self.rows(node.p.p, inner_scope)
         keys: dict[str, Value] = {}
         for i, key in enumerate(node.p.expr or ()):
-            value = self._in(scope, partial(self.expressions.value, key), rows)
+            value = rows.variables.get(str(key), UNBOUND)
+            if not isinstance(key, rdflib.Variable) or value.form != "stored":
+                value = self._in(scope, partial(self.expressions.value, key), rows)
             keys[str(key) if isinstance(key, rdflib.Variable) else f"*key{i}"] = value
         found: dict[str, Value] = dict(keys)
         maybe = {name for name in keys if name in rows.nullable or name.startswith("*")}
@@ -376,6 +376,7 @@ class _Translator(TriplePatterns):
             return Value("integer", f"count(DISTINCT ROW({', '.join(columns)}))::numeric"), True
         value = self.expressions.value(each.vars, seen)
         if function == "Count":
+            value = seen.get(str(each.vars), value)  # the number of a term
             counted = value.sql
             if distinct and value.form == "term":
                 counted = f"CASE WHEN {value.sql} IS NOT NULL THEN ({value.sql}, {value.tag}) END"

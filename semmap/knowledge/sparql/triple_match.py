@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import rdflib
@@ -12,16 +12,23 @@ from semmap.knowledge.mapping import DATATYPES, INFERENCES, INFERRED_GRAPH, STAT
 from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.relation import Rows
 from semmap.knowledge.sparql.scope import MapGraph, Part
-from semmap.knowledge.sparql.values import Parameters, is_literal, same, text_of
+from semmap.knowledge.sparql.values import (
+    NUMBERED,
+    Parameters,
+    as_term,
+    is_literal,
+    number_of,
+    same,
+    text_of,
+)
 from semmap.knowledge.triple_map import Form, TripleMap, Value
 from semmap.knowledge.vocabulary import decode
 
 _IN_NO_EARLIER = (
-    "NOT EXISTS (SELECT FROM statement d WHERE d.map_id = {a}.map_id "
-    "AND d.predicate = {a}.predicate AND d.graph = ANY ({graphs}) AND d.id < {a}.id "
-    "AND (d.until IS NULL OR d.until > statement_timestamp()) "
-    "AND (d.subject_id, d.subject, d.object_id, d.object, d.tag) "
-    "IS NOT DISTINCT FROM ({a}.subject_id, {a}.subject, {a}.object_id, {a}.object, {a}.tag))"
+    "NOT EXISTS (SELECT FROM triple d WHERE d.map_id = {a}.map_id "
+    "AND d.predicate = {a}.predicate AND d.subject = {a}.subject AND d.object = {a}.object "
+    "AND d.graph = ANY ({graphs}) AND d.id < {a}.id "
+    "AND (d.until IS NULL OR d.until > statement_timestamp()))"
 )
 """A union of graphs has a triple once."""
 
@@ -124,30 +131,40 @@ class TripleMatch:
 
     def _match_graph(self, rows: Rows, alias: str, graph: Part | None) -> None:
         if graph is None and self._chosen is None:
-            rows.where.append(f"{alias}.graph = ''")
+            rows.where.append(f"{alias}.graph = 0")
         elif graph is None:
             assert self._chosen is not None
-            graphs = self.parameters.bind(list(self._chosen.default), "text[]")
+            graphs = self._numbers(self._chosen.default)
             rows.where.append(f"{alias}.graph = ANY ({graphs})")
             if len(self._chosen.default) > 1:
                 rows.where.append(_IN_NO_EARLIER.format(a=alias, graphs=graphs))
         elif isinstance(graph, Value):
-            rows.where.append(f"{alias}.graph = {text_of(graph, self.namespace)}")
+            iri = graph if graph.form == "resource" else as_term(graph, self.namespace)
+            known = replace(iri, form="iri", tag=None) if iri.form == "term" else iri
+            rows.where.append(same(Value("resource", f"{alias}.graph"), known, self.namespace))
             named = None if self._chosen is None else self._chosen.named
             if named is not None and graph.constant and graph.constant[0] not in named:
                 rows.where.append("false")
         else:
-            rows.where.append(f"{alias}.graph <> ''")
+            rows.where.append(f"{alias}.graph <> 0")
             if self._chosen is not None:
-                graphs = self.parameters.bind(list(self._chosen.named), "text[]")
-                rows.where.append(f"{alias}.graph = ANY ({graphs})")
-            rows.bind(graph, Value("iri", f"{alias}.graph"), self.namespace)
+                rows.where.append(f"{alias}.graph = ANY ({self._numbers(self._chosen.named)})")
+            rows.bind(graph, Value("resource", f"{alias}.graph"), self.namespace)
+
+    def _numbers(self, iris: Iterable[str]) -> str:
+        """Return the SQL of an array of the numbers of IRIs that statements have."""
+        return (
+            "ARRAY(SELECT term_id(n.iri) FROM "
+            f"unnest({self.parameters.bind(list(iris), 'text[]')}) n (iri))"
+        )
 
     def _match_verb(
         self, rows: Rows, pattern: MatchedPattern, triple: TripleMap, letters: Mapping[str, str]
     ) -> None:
         sql, name = triple.verb(letters)
-        if isinstance(pattern.predicate, str):
+        if triple in STATEMENTS:
+            self._be(rows, pattern.predicate, Value("resource", sql))
+        elif isinstance(pattern.predicate, str):
             sql = f"{sql}::text" if name is None else f"({sql})" if triple.property else sql
             rows.bind(pattern.predicate, Value("iri", sql), self.namespace)
         elif name is not None and pattern.predicate.constant:
@@ -181,6 +198,8 @@ class TripleMatch:
         if form == "iri" and column.sql.startswith("('"):  # a computed name in a namespace
             namespace = column.sql[2:].partition("'")[0]
             return Value("iri", self._bind(text)) if text.startswith(namespace) else None
+        if form in ("resource", "stored"):
+            return self._as_number(constant, form)
         if form == constant.form and constant.tag is None:
             return constant
         if constant.form == "type" and form in ("term", "iri") and not column.sql.startswith("'"):
@@ -200,6 +219,21 @@ class TripleMatch:
             return Value("iri", self._bind(text))
         # Of an IRI that is a node of another kind, or none, no row is.
         return None
+
+    def _as_number(self, constant: Value, form: Form) -> Value | None:
+        """Return the number of a constant; None where no statement has it."""
+        if constant.form in NUMBERED:
+            return replace(constant, form=form)
+        text, tag = constant.constant or ("", "")
+        if tag != "I" and form == "resource":
+            return None
+        if constant.form == "type":  # all its IRIs stand for that of its ontology
+            text = self.constants.class_of(self.constants.node(text, as_type=True)[1])
+        elif self.constants.terms is not None:
+            known = self.constants.terms.get((text, tag))
+            return None if known is None else Value(form, self.parameters.bind(known, "bigint"))
+        term = Value("term", self._bind(text), self._bind(tag), (text, tag))
+        return Value(form, number_of(term, self.namespace))
 
     def _be(self, rows: Rows, part: Part, value: Value) -> None:
         """Let a side of a pattern be this value: a variable is bound, a constant must equal it."""

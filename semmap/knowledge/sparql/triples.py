@@ -24,7 +24,7 @@ from semmap.knowledge.sparql.paths import PropertyPaths
 from semmap.knowledge.sparql.relation import UNBOUND, Rows, can_join, share_rows, union
 from semmap.knowledge.sparql.scope import MapGraph, Part, PatternScope
 from semmap.knowledge.sparql.triple_match import MatchedPattern
-from semmap.knowledge.sparql.values import key_of, same
+from semmap.knowledge.sparql.values import NUMBERED, key_of, number_of, same
 from semmap.knowledge.triple_map import Computed, Form, TripleMap, Value
 from semmap.knowledge.vocabulary import RDF
 
@@ -218,7 +218,7 @@ class TriplePatterns(PropertyPaths):
                 (triple,) = pattern.maps
                 found = self._match(pattern, triple, aliases)
                 name = pattern.subject
-                if isinstance(name, str) and NODES.get(triple.subject.form):
+                if isinstance(name, str) and triple.subject.form in (*NODES, "resource"):
                     if triple.source.map_id is not None or _is_anchored(pattern, triple, set()):
                         anchored.add(name)
                     else:
@@ -233,6 +233,7 @@ class TriplePatterns(PropertyPaths):
                     if named and not _is_anchored(pattern, triple, anchored):
                         self._add_anchor(part, part.variables[str(pattern.subject)])
                     _use_keys(part, rows.variables)
+                    self._use_numbers(part, rows)
                     self._correlate(part, rows)
                     part.where += [
                         same(part.variables[name], scope.given[name], self.namespace)
@@ -253,6 +254,14 @@ class TriplePatterns(PropertyPaths):
                 self._add_anchor(rows, value)
         share_rows(rows)
         return rows
+
+    def _use_numbers(self, part: Rows, rows: Rows) -> None:
+        """Let a variable of a part be the number of a term, as which it is known before it."""
+        for name, value in part.variables.items():
+            known = rows.variables.get(name)
+            if known is not None and known.form in ("resource", "stored"):
+                if value.form not in NUMBERED and name not in rows.nullable:
+                    part.variables[name] = Value("stored", number_of(value, self.namespace))
 
     def _correlate(self, part: Rows, rows: Rows) -> None:
         """Limit a part of a union to keys that are known before it: then it uses its indexes."""

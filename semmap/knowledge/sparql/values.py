@@ -46,12 +46,20 @@ def is_literal(form: Form) -> bool:
 
 def are_disjoint(a: Form, b: Form) -> bool:
     """Return whether no term has both forms: an entity is never kept as an "iri"."""
-    if a == b or "term" in (a, b):
+    if a == b or "term" in (a, b) or "stored" in (a, b):
         return False
+    if "resource" in (a, b):
+        return is_literal(a) or is_literal(b)
     if is_literal(a) or is_literal(b):
         return True
     return "iri" not in (a, b) or "entity" in (a, b)
 
+
+NUMBERED = ("entity", "resource", "stored")
+"""The forms whose values are numbers of entities and terms, each before those that have more."""
+
+NO_NUMBER = f"({-(2**63)})::bigint"
+"""The number of a term that no statement has."""
 
 _TEXTS: Mapping[Form, str] = {
     **dict.fromkeys(("term", "iri", "string", "gml", "geojson"), "{}"),
@@ -71,6 +79,10 @@ def text_of(value: Value, namespace: str) -> str:
     """Return the SQL of a term's text, its IRI or its lexical form, from that of the namespace."""
     if value.form in _TEXTS:
         return _TEXTS[value.form].format(value.sql)
+    if value.form in ("resource", "stored"):
+        entity = text_of(Value("entity", value.sql), namespace)
+        term = f"(SELECT n.text FROM term n WHERE n.id = {value.sql})"
+        return f"(CASE WHEN {value.sql} > 0 THEN {entity} ELSE {term} END)"
     node = NODES[value.form]
     if node.of_map:
         return (
@@ -112,6 +124,9 @@ def tag_of(value: Value) -> str:
     """Return the SQL of a term's tag."""
     if value.tag is not None:
         return value.tag
+    if value.form == "stored":
+        term = f"(SELECT n.tag FROM term n WHERE n.id = {value.sql})"
+        return f"(CASE WHEN {value.sql} > 0 THEN 'I' ELSE {term} END)"
     return f"'{DATATYPES.get(value.form, 'I')}'::text"
 
 
@@ -122,10 +137,27 @@ def as_term(value: Value, namespace: str) -> Value:
     return Value("term", text_of(value, namespace), tag_of(value), value.constant)
 
 
+def number_of(value: Value, namespace: str) -> str:
+    """Return the SQL of the number of a term; `NO_NUMBER` where no statement has it."""
+    if value.form in NUMBERED:
+        return value.sql
+    text, tag = text_of(value, namespace), tag_of(value)
+    found = (
+        f"(SELECT n.id FROM term n WHERE md5(n.text)::uuid = md5({text})::uuid "
+        f"AND n.tag = {tag} AND n.text = {text})"
+    )
+    if value.form == "term" and not value.constant:
+        found = f"CASE WHEN {tag} = 'I' THEN entity_of_iri({text}) END, {found}"
+    known = f"coalesce({found}, {NO_NUMBER})"
+    return known if value.constant else f"CASE WHEN {value.sql} IS NOT NULL THEN {known} END"
+
+
 def same(a: Value, b: Value, namespace: str) -> str:
     """Return the condition that two terms are the same."""
     if are_disjoint(a.form, b.form):
         return "false"
+    if {a.form, b.form} & {"resource", "stored"}:
+        return f"{number_of(a, namespace)} = {number_of(b, namespace)}"
     if a.form == b.form and a.form != "term":
         if a.form == "geometry":
             return f"ST_OrderingEquals({a.sql}, {b.sql})"

@@ -106,12 +106,11 @@ _INFERRED = (
     f"AND {_SAME}) END"
 )
 _STATED = (
-    "EXISTS (SELECT FROM statement s WHERE s.map_id = %(map)s::int AND s.predicate = f.predicate "
-    "AND s.graph = f.graph AND coalesce(s.subject_id, 0) = coalesce(f.subject_id, 0) "
-    "AND coalesce(s.subject, '') = coalesce(f.subject, '') "
-    "AND coalesce(s.object_id, 0) = coalesce(f.object_id, 0) "
-    "AND md5(coalesce(s.object, '')) = md5(coalesce(f.object, '')) "
-    "AND coalesce(s.tag, '') = coalesce(f.tag, '') "
+    "EXISTS (SELECT FROM triple s WHERE s.map_id = %(map)s::int "
+    "AND s.predicate = term_id(f.predicate) "
+    "AND s.graph = CASE WHEN f.graph = '' THEN 0 ELSE term_id(f.graph) END "
+    "AND s.subject = coalesce(f.subject_id, term_id(f.subject)) "
+    "AND s.object = coalesce(f.object_id, term_id(f.object, f.tag)) "
     "AND (s.until IS NULL OR s.until > statement_timestamp()))"
 )
 _ALIVE = (

@@ -276,7 +276,7 @@ SELECT m.id, r.properties, r.classes, reaches_back(%(since)s),
                    s.predicate, coalesce(to_jsonb(s.object), to_jsonb(s.object_id)), s.tag))
         FROM statement s
         WHERE s.map_id = m.id AND s.until > %(ended_until)s AND s.until <= statement_timestamp()),
-       (SELECT extract(epoch FROM min(s.until) - clock_timestamp())::float8 FROM statement s
+       (SELECT extract(epoch FROM min(s.until) - clock_timestamp())::float8 FROM triple s
         WHERE s.map_id = m.id AND s.until > now())
 FROM (SELECT current_map(), set_config('plan_cache_mode', 'force_generic_plan', true)) n (id)
 LEFT JOIN map m USING (id) LEFT JOIN reasoning r ON r.map_id = m.id

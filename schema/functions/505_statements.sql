@@ -1,0 +1,153 @@
+-- Statements: `triple` has them as numbers of entities and, negative, of terms; the view `statement` has them as texts.
+
+CREATE FUNCTION term_id(text text, tag text DEFAULT 'I')
+RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE STRICT
+-- The number of a term; null for one that no statement has had.
+BEGIN ATOMIC
+SELECT t.id FROM term t WHERE md5(t.text)::uuid = md5(term_id.text)::uuid AND t.tag = term_id.tag AND t.text = term_id.text;
+END;
+
+CREATE FUNCTION term_ids(texts text[], tags text[])
+RETURNS bigint[] LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
+-- The numbers of terms, in order; those that are not there are added. The insertion locks the table for `prune_terms`,
+-- which waits for the end of this transaction, even where it adds none.
+DECLARE
+    found bigint[];
+BEGIN
+    INSERT INTO semmap.term (text, tag)
+        SELECT DISTINCT g.text, g.tag FROM unnest(texts, tags) g (text, tag)
+        WHERE NOT EXISTS (SELECT FROM semmap.term t WHERE md5(t.text)::uuid = md5(g.text)::uuid AND t.tag = g.tag)
+        ORDER BY 1, 2 ON CONFLICT DO NOTHING;
+    found := ARRAY(SELECT t.id FROM unnest(texts, tags) WITH ORDINALITY g (text, tag, n) LEFT JOIN semmap.term t
+                   ON md5(t.text)::uuid = md5(g.text)::uuid AND t.tag = g.tag AND t.text = g.text ORDER BY g.n);
+    IF array_position(found, NULL) IS NOT NULL THEN  -- another transaction added it, which this one does not see
+        RAISE EXCEPTION 'the term % was added at the same time', texts[array_position(found, NULL)]
+            USING ERRCODE = 'serialization_failure', HINT = 'Try again.';
+    END IF;
+    RETURN found;
+END $$;
+
+CREATE FUNCTION prune_terms(most bigint DEFAULT NULL)
+RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Deletes terms that no statement has any more, at most so many (all if null); returns how many. None while another
+-- transaction states or takes back facts, which may use them.
+DECLARE
+    gone bigint;
+BEGIN
+    LOCK TABLE semmap.term IN EXCLUSIVE MODE NOWAIT;
+    DELETE FROM semmap.term t WHERE t.id IN (
+        SELECT u.id FROM semmap.term u WHERE NOT EXISTS (SELECT FROM semmap.triple s WHERE s.subject = u.id)
+            AND NOT EXISTS (SELECT FROM semmap.triple s WHERE s.object = u.id)
+            AND NOT EXISTS (SELECT FROM semmap.map m JOIN semmap.triple s ON s.map_id = m.id AND s.predicate = u.id)
+            AND NOT EXISTS (SELECT FROM semmap.map m JOIN semmap.triple s ON s.map_id = m.id AND s.graph = u.id AND s.graph <> 0)
+        LIMIT most);
+    GET DIAGNOSTICS gone = ROW_COUNT;
+    RETURN gone;
+EXCEPTION WHEN lock_not_available THEN
+    RETURN 0;
+END $$;
+
+CREATE VIEW statement WITH (security_invoker = true) AS
+    SELECT t.id, t.map_id, coalesce(g.text, '') AS graph,          -- IRI; empty: the default graph
+           t.subject_id,                                           -- an entity of the map,
+           s.text AS subject,                                      -- or any other IRI
+           p.text AS predicate,                                    -- IRI
+           t.object_id,                                            -- an entity of the map,
+           o.text AS object,                                       -- or the text of any other term
+           o.tag,                                                  -- of that term: I for an IRI, @ and a language, or the datatype
+           t.since, t.until, t.stated_by
+    FROM triple t JOIN term p ON p.id = t.predicate LEFT JOIN term g ON g.id = t.graph
+    LEFT JOIN term s ON s.id = t.subject LEFT JOIN term o ON o.id = t.object;
+ALTER VIEW statement ALTER COLUMN graph SET DEFAULT '';
+ALTER VIEW statement ALTER COLUMN since SET DEFAULT clock_timestamp();
+ALTER VIEW statement ALTER COLUMN stated_by SET DEFAULT current_user;
+
+CREATE FUNCTION statement_written()
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
+-- Writes a row of the view into `triple`.
+DECLARE
+    numbers bigint[];
+BEGIN
+    IF TG_OP = 'DELETE' THEN
+        DELETE FROM semmap.triple t WHERE t.id = OLD.id;
+        RETURN CASE WHEN FOUND THEN OLD END;
+    ELSIF num_nonnulls(NEW.subject_id, NEW.subject) <> 1 OR num_nonnulls(NEW.object_id, NEW.object) <> 1
+       OR (NEW.object IS NULL) <> (NEW.tag IS NULL) OR '' IN (NEW.subject, NEW.predicate, NEW.tag) THEN
+        RAISE EXCEPTION 'a statement has one subject and one object'
+            USING ERRCODE = 'check_violation', HINT = 'Give subject_id or subject, and object_id or object with its tag.';
+    END IF;
+    numbers := semmap.term_ids(array_remove(ARRAY[NEW.predicate, nullif(NEW.graph, ''), NEW.subject, NEW.object], NULL),
+                               array_remove(ARRAY['I', CASE WHEN NEW.graph <> '' THEN 'I' END, CASE WHEN NEW.subject IS NOT NULL THEN 'I' END, NEW.tag], NULL));
+    IF TG_OP = 'INSERT' THEN
+        INSERT INTO semmap.triple (map_id, graph, subject, predicate, object, since, until, stated_by)
+            VALUES (NEW.map_id, CASE WHEN NEW.graph = '' THEN 0 ELSE numbers[2] END,
+                    coalesce(NEW.subject_id, semmap.term_id(NEW.subject)), numbers[1],
+                    coalesce(NEW.object_id, semmap.term_id(NEW.object, NEW.tag)), NEW.since, NEW.until, NEW.stated_by)
+            RETURNING id INTO NEW.id;
+        RETURN NEW;
+    END IF;
+    UPDATE semmap.triple t SET map_id = NEW.map_id, graph = CASE WHEN NEW.graph = '' THEN 0 ELSE numbers[2] END,
+               subject = coalesce(NEW.subject_id, semmap.term_id(NEW.subject)), predicate = numbers[1],
+               object = coalesce(NEW.object_id, semmap.term_id(NEW.object, NEW.tag)),
+               since = NEW.since, until = NEW.until, stated_by = NEW.stated_by
+        WHERE t.id = OLD.id;
+    RETURN CASE WHEN FOUND THEN NEW END;
+END $$;
+
+CREATE TRIGGER statement_written INSTEAD OF INSERT OR UPDATE OR DELETE ON statement
+    FOR EACH ROW EXECUTE FUNCTION statement_written();
+
+-- Statements about an IRI follow the entity that gets the IRI.
+
+CREATE FUNCTION triple_adopted()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+DECLARE
+    named record;
+BEGIN
+    IF NOT EXISTS (SELECT FROM semmap.term) THEN
+        RETURN NULL;
+    END IF;
+    FOR named IN SELECT f.id, f.map_id, t.id AS term FROM fresh f JOIN semmap.term t
+                 ON md5(t.text)::uuid = md5(semmap.entity_iri(f.id))::uuid AND t.tag = 'I' LOOP
+        UPDATE semmap.triple s SET subject = named.id WHERE s.map_id = named.map_id AND s.subject = named.term;
+        UPDATE semmap.triple s SET object = named.id WHERE s.map_id = named.map_id AND s.object = named.term;
+    END LOOP;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER triple_adopted AFTER INSERT ON entity REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION triple_adopted();
+CREATE TRIGGER triple_readopted AFTER UPDATE ON entity REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION triple_adopted();
+
+CREATE FUNCTION triple_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- The change log has the statements, and the entities that they are about. Deleting an entity or a map is a change already.
+DECLARE
+    stated triple[];
+BEGIN
+    IF coalesce(current_setting('semmap.dropping', true), '') <> '' THEN
+        RETURN NULL;
+    END IF;
+    IF TG_OP = 'UPDATE' THEN
+        stated := ARRAY(SELECT f FROM former f UNION ALL SELECT t FROM touched t);
+    ELSE
+        stated := ARRAY(SELECT t FROM touched t);
+    END IF;
+    INSERT INTO semmap.change (map_id, what, entities, facts)
+        SELECT m.id, 'statement', ARRAY(SELECT DISTINCT s.subject FROM unnest(stated) s WHERE s.map_id = m.id AND s.subject > 0),
+               CASE WHEN cardinality(stated) <= 200 THEN
+                   (SELECT jsonb_agg(jsonb_build_array(coalesce(g.text, ''), coalesce(to_jsonb(a.text), to_jsonb(s.subject)), p.text,
+                                                       coalesce(to_jsonb(b.text), to_jsonb(s.object)), b.tag))
+                    FROM unnest(stated) s JOIN semmap.term p ON p.id = s.predicate LEFT JOIN semmap.term g ON g.id = s.graph
+                    LEFT JOIN semmap.term a ON a.id = s.subject LEFT JOIN semmap.term b ON b.id = s.object WHERE s.map_id = m.id) END
+        FROM semmap.map m WHERE m.id IN (SELECT s.map_id FROM unnest(stated) s);
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER triple_added AFTER INSERT ON triple REFERENCING NEW TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION triple_changed();
+CREATE TRIGGER triple_edited AFTER UPDATE ON triple REFERENCING OLD TABLE AS former NEW TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION triple_changed();
+CREATE TRIGGER triple_removed AFTER DELETE ON triple REFERENCING OLD TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION triple_changed();
