@@ -16,7 +16,7 @@ import rdflib
 from semmap.error import Error
 from semmap.knowledge.fields.properties import is_of_fields
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.mapping import INFERRED_GRAPH, is_mapped
+from semmap.knowledge.mapping import COMPUTED, INFERRED_GRAPH, is_mapped
 from semmap.knowledge.reasoning.runs import refresh
 from semmap.knowledge.shacl import check_binding
 from semmap.knowledge.sparql.constants import Constants, resolve, tag_and_text
@@ -203,6 +203,9 @@ class FactWriter:
         """Add a fact to the table that has columns for it; None: it is a statement."""
         if fact.graph is not None:
             return None
+        if self._is_foreign(fact.subject):
+            self._refuse_invisible(fact, iri)
+            return None
         if iri == f"{RDF}type" and self._type(fact) is not None:
             self._refuse_end(fact)
             return self._set_type(fact)
@@ -219,7 +222,7 @@ class FactWriter:
 
     def _delete_in_table(self, fact: Fact, iri: str) -> int | None:
         """Remove a fact from the table that has columns for it; None: it is a statement."""
-        if fact.graph is not None:
+        if fact.graph is not None or self._is_foreign(fact.subject):
             return None
         if iri == f"{RDF}type" and self._type(fact) is not None:
             return self._execute(
@@ -256,6 +259,24 @@ class FactWriter:
                 "follows from, or state it in a named graph",
                 fact,
             )
+
+    def _refuse_invisible(self, fact: Fact, iri: str) -> None:
+        """Raise an error where no query would see a fact about a foreign resource."""
+        if is_of_fields(iri) or any(iri == each.property for each in COMPUTED):
+            raise RefusedError(
+                "this is computed for entities of the map when a query names it, and a statement "
+                "would not be seen: state it in a named graph",
+                fact,
+            )
+        if iri == f"{RDF}type":
+            for sentence in unknown_names(self._view, self._constants, [fact.object]):
+                raise RefusedError(sentence, fact)
+
+    def _is_foreign(self, term: Any) -> bool:
+        """Return whether a subject is not a node of a map, nor a name of the map's vocabulary."""
+        if isinstance(term, rdflib.BNode) or term.startswith(SKOLEM):
+            return True
+        return self._constants.node(str(term))[0] == "iri" and not term.startswith("urn:semmap:")
 
     def _execute(self, sql: str, values: dict[str, Any]) -> int:
         session = self._view.session

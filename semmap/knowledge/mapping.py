@@ -473,5 +473,5 @@ _OWN = (_MAPPED | _NAMED) - _SHARED
 
 
 def is_mapped(iri: str) -> bool:
-    """Return whether a property has columns of its own, so that no statement may have it."""
+    """Return whether a property has columns of its own, so that only foreign IRIs may state it."""
     return iri in _OWN or iri.startswith((PROPERTY, RELATION))

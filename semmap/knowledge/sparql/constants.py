@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import rdflib
 
 from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, is_mapped
 from semmap.knowledge.triple_map import Form
-from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode, encode
+from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, RDF, SEMMAP, TYPE, XSD, decode, encode
 from semmap.language.syntax_tree import nodes_in
 from semmap.snake_case import local_name, namespace_of, snake_case
 
@@ -32,6 +32,8 @@ class Constants:
     types_of: Mapping[str, str] = field(default_factory=dict)
     classes: Mapping[str, str] = field(default_factory=dict)  # the IRI of each type in its ontology
     stated: frozenset[str] | None = None  # the properties of statements; None: any
+    # the properties and classes of the map that statements about foreign resources have
+    foreign: Set[str] = frozenset()
     # by text and tag, the numbers of terms that statements have; None where none was looked up
     terms: Mapping[tuple[str, str], int] | None = None
 
@@ -39,7 +41,8 @@ class Constants:
     def key(self) -> tuple[Any, ...]:
         """What tells these constants from others."""
         parts = (self.known, self.types_of, self.classes, self.terms or {})
-        return (*(frozenset(each.items()) for each in parts), self.stated)
+        of_each = (frozenset(each.items()) for each in parts)
+        return (*of_each, self.stated, frozenset(self.foreign))
 
     def node(self, iri: str, *, as_type: bool = False) -> tuple[Form, Any]:
         """Return form and key of an IRI, of a type if `as_type`; of no node, the IRI itself."""
@@ -54,6 +57,7 @@ class Constants:
             {iri: self.known[iri] for iri in wanted & self.known.keys()},
             {iri: self.types_of[iri] for iri in wanted & self.types_of.keys()},
             dict(self.classes),
+            foreign=frozenset(self.foreign),
             terms=self.terms,
         )
 
@@ -74,6 +78,15 @@ class Constants:
         """Return whether statements may have a property of the text."""
         return self.stated is None or iri in self.stated
 
+    def is_foreign(self, iri: str) -> bool:
+        """Return whether statements about foreign resources have this property or class."""
+        return self.stated_as(iri) in self.foreign
+
+    def stated_as(self, iri: str) -> str:
+        """Return the IRI that statements have of a property or class."""
+        form, key = self.node(iri, as_type=True)
+        return self.class_of(key) if form == "type" else self.property(iri)
+
     def property(self, iri: str) -> str:
         """Return the property that an IRI of KnowledgeCore's namespaces stands for, else itself."""
         if namespace_of(iri) in KNOWLEDGE_CORE:
@@ -89,6 +102,12 @@ _NODES = (
     "SELECT 'name', iri, name, NULL FROM semantic_type WHERE name = ANY (%(types)s::text[])",
     "SELECT 'stated', p, NULL, NULL FROM unnest(%(properties)s::text[]) p WHERE EXISTS "
     "(SELECT FROM triple s WHERE s.map_id = %(map)s::int AND s.predicate = term_id(p))",
+    "SELECT 'foreign', p, NULL, NULL FROM unnest(%(mapped)s::text[]) p WHERE EXISTS (SELECT FROM "
+    "triple s WHERE s.map_id = %(map)s::int AND s.predicate = term_id(p) AND s.graph = 0)",
+    "SELECT 'foreign', type_iri(t.name), NULL, NULL FROM semantic_type t WHERE "
+    "(t.iri = ANY (%(iris)s::text[]) OR t.name = ANY (%(types)s::text[])) AND EXISTS (SELECT FROM "
+    f"triple s WHERE s.map_id = %(map)s::int AND s.predicate = term_id('{RDF}type') "
+    "AND s.graph = 0 AND s.object = term_id(type_iri(t.name)) AND s.subject < 0)",
     "SELECT 'term', t.text, t.id::text, t.tag FROM unnest(%(texts)s::text[], %(tags)s::text[]) "
     "n (text, tag) JOIN term t "
     "ON md5(t.text)::uuid = md5(n.text)::uuid AND t.tag = n.tag AND t.text = n.text",
@@ -111,15 +130,15 @@ class Lookup:
         for iri in self._iris:
             self._add(iri, namespace)
         parts = list(_NODES)
+        properties = sorted({*map(Constants({}).property, self._iris)})
         self.parameters: dict[str, Any] = {
             "names": sorted(self._names),
             "iris": sorted(self._iris),
             "types": sorted(self._types),
-            "properties": sorted(
-                each for each in map(Constants({}).property, self._iris) if not is_mapped(each)
-            ),
+            "properties": [each for each in properties if not is_mapped(each)],
+            "mapped": [each for each in properties if is_mapped(each)],
         }
-        resources = self._iris | {*self.parameters["properties"]}
+        resources = self._iris.union(properties)
         terms = sorted({*((iri, "I") for iri in resources), *literals})
         self.parameters["texts"] = [text for text, _ in terms]
         self.parameters["tags"] = [tag for _, tag in terms]
@@ -174,9 +193,12 @@ class Lookup:
                     known.setdefault(iri, (form, int(key)))
             elif kind in self._keyed:
                 known[self._keyed[kind or ""][found or ""]] = (kind or "", int(key))
-        stated = frozenset(found or "" for kind, found, _ in texts if kind == "stated")
+        stated, foreign = (
+            frozenset(found or "" for kind, found, _ in texts if kind == wanted)
+            for wanted in ("stated", "foreign")
+        )
         terms = {(text or "", tag or ""): int(n or 0) for of, text, n, tag in rows if of == "term"}
-        return Constants(known, types, classes, stated, terms)
+        return Constants(known, types, classes, stated, foreign, terms)
 
 
 def resolve(

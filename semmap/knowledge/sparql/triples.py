@@ -169,7 +169,8 @@ class TriplePatterns(PropertyPaths):
         for triple in (*TRIPLES, *REWRITTEN):
             if triple.property == iri if triple.name is None else iri.startswith(triple.property):
                 yield triple
-        if not is_mapped(iri) and self.constants.is_stated(iri):
+        known = self.constants
+        if known.is_foreign(iri) if is_mapped(iri) else known.is_stated(iri):
             yield from STATEMENTS
 
     def _reads_inferences(self, scope: PatternScope) -> bool:
@@ -193,15 +194,17 @@ class TriplePatterns(PropertyPaths):
             if isinstance(part, Value) and self._as_column(part, column) is None:
                 return False
         typed = isinstance(verb, Value) and verb.constant == (_RDF_TYPE, "I")
-        # Entities have the types of the T-Box; only statements of named graphs have these, too.
+        # Entities have the types of the T-Box; statements about them only in named graphs.
         own = typed and isinstance(object_, Value) and object_.form == "type"
         if typed and triple in INFERENCES and isinstance(object_, Value):
             if object_.form == "type":
                 name = self.constants.node((object_.constant or ("",))[0], as_type=True)[1]
                 return self.constants.class_of(name) in self._inferred.classes
             return (object_.constant or ("",))[0] in self._inferred.classes
-        own = own and self._is_map(scope)
-        return not (own and triple in STATEMENTS)
+        if not own or triple not in STATEMENTS or not self._is_map(scope):
+            return True
+        class_ = object_.constant if isinstance(object_, Value) else None
+        return self.constants.is_foreign((class_ or ("",))[0])
 
     def _joined(self, patterns: list[MatchedPattern], scope: PatternScope) -> Rows:
         rows = Rows()
@@ -259,9 +262,9 @@ class TriplePatterns(PropertyPaths):
         """Let a variable of a part be the number of a term, as which it is known before it."""
         for name, value in part.variables.items():
             known = rows.variables.get(name)
-            if known is not None and known.form in ("resource", "stored"):
-                if value.form not in NUMBERED and name not in rows.nullable:
-                    part.variables[name] = Value("stored", number_of(value, self.namespace))
+            numbered = known is not None and known.form in ("resource", "stored")
+            if numbered and value.form not in NUMBERED and name not in rows.nullable:
+                part.variables[name] = Value("stored", number_of(value, self.namespace))
 
     def _correlate(self, part: Rows, rows: Rows) -> None:
         """Limit a part of a union to keys that are known before it: then it uses its indexes."""

@@ -19,7 +19,15 @@ from rdflib.paths import AlternativePath, InvPath, SequencePath
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.facts import Fact
-from semmap.knowledge.mapping import COMPUTED, FACTS, INFERENCES, NODES, STATEMENTS, TOPOLOGICAL
+from semmap.knowledge.mapping import (
+    COMPUTED,
+    FACTS,
+    INFERENCES,
+    NODES,
+    STATEMENTS,
+    TOPOLOGICAL,
+    is_mapped,
+)
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.kept_queries import Row, Term
 from semmap.knowledge.sparql.triple_match import MatchedPattern
@@ -399,6 +407,8 @@ def _pattern(
     only_inferred = graph is None and not any(each in STATEMENTS for each in found.maps)
     if is_variable(verb) and (graph is None or tables):
         raise WholeError  # all properties of the map
+    if tables and len(tables) < len(found.maps) and is_mapped(str(terms[1])):
+        raise WholeError  # lists have the tables of such a property, without statements
     keys = frozenset(key for each in tables for key in _keys(each))
     return PartPattern(
         terms,

@@ -18,6 +18,7 @@ import rdflib
 from semmap.knowledge.facts import Fact
 from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import is_mapped
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.constants import Constants, resolve
 from semmap.knowledge.sparql.kept_queries import Row, Term
@@ -83,7 +84,10 @@ class StandingQueries:
         self._types: dict[str, str] = {}
         self._resolved: dict[str, Nodes] = {}
         self._type_iris: dict[str, str] = {}
-        self._constants = Constants(self._known, self._types, self._type_iris)
+        self._foreign: set[str] = set()
+        self._constants = Constants(
+            self._known, self._types, self._type_iris, foreign=self._foreign
+        )
         self._index = PatternIndex()
         self._lists = TripleLists()
         self._evaluation = Evaluation()
@@ -142,7 +146,7 @@ class StandingQueries:
     def _parts(self, view: MapView, found: StandingQuery, iris: frozenset[str]) -> list[QueryPart]:
         canonical = partial(self._canonical, view)
         template, filling = found.template, found.filling
-        if filling:
+        if filling and not any(map(self._constants.is_foreign, filling)):
             nodes = tuple(self._resolved[iri] for iri in filling)
             forms = tuple((node[0], as_class[0]) for node, as_class in nodes)
             constants = self._constants.only(template.iris)
@@ -153,6 +157,7 @@ class StandingQueries:
                 return self._shapes[key].filled(
                     found, iris, Filled(filling, nodes, canonical, constants.class_of)
                 )
+        if filling:
             template = Template(view.parsed(found.text), iris)
         shape = TemplateShape(view, template, self._constants.only(iris), canonical)
         return shape.filled(found, iris, None)
@@ -173,7 +178,10 @@ class StandingQueries:
         if not wanted:
             return []
         found = resolve(view.session, wanted, view.namespace, view.number)
-        changed = []
+        changed = [
+            each for each in wanted if found.is_foreign(each) > self._constants.is_foreign(each)
+        ]
+        self._foreign |= found.foreign
         for iri in wanted:
             node, as_class = nodes = found.node(iri), found.node(iri, as_type=True)
             if self._resolved.get(iri, nodes) != nodes:
@@ -240,6 +248,7 @@ class StandingQueries:
         """Evaluate all queries again, as after the server was away."""
         for kept in (self._known, self._types, self._resolved, self._type_iris, self._shapes):
             kept.clear()
+        self._foreign.clear()
         self._inferred = view.inferred
         found = list(self.queries.values())
         self._compile_again(view, found)
@@ -251,11 +260,22 @@ class StandingQueries:
         iris = {str(node) for node in touched.changed}
         iris |= {space + name for name in touched.every_name for space in KNOWLEDGE_CORE}
         mine = [iri for iri in iris & self._resolved.keys() if self._may_differ(iri, touched)]
+        mine += self._new_foreign(touched)
         stale = {
             part.query for iri in self._resolve(view, mine) for part in self._named.get(iri, ())
         }
         self._compile_again(view, list(stale))
         return list(stale)
+
+    def _new_foreign(self, touched: Touched) -> list[str]:
+        """Return IRIs of properties and classes of the map of which statements may be the first."""
+        new = {
+            str(quad.object if quad.property == rdflib.RDF.type else quad.property)
+            for quad in touched.quads
+            if quad.graph is None
+            and (quad.property == rdflib.RDF.type or is_mapped(str(quad.property)))
+        } - self._foreign
+        return [iri for iri in self._resolved if new and self._constants.stated_as(iri) in new]
 
     def _may_differ(self, iri: str, touched: Touched) -> bool:
         """Return whether an IRI may stand for another node than before, which did not just move."""

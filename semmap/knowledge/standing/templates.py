@@ -226,7 +226,10 @@ def _with_holes_filled(known: Constants, filling: tuple[Nodes, ...]) -> Constant
             types[hole] = name
             classes[name] = class_
     return Constants(
-        {**known.known, **nodes}, {**known.types_of, **types}, {**known.classes, **classes}
+        {**known.known, **nodes},
+        {**known.types_of, **types},
+        {**known.classes, **classes},
+        foreign=known.foreign,
     )
 
 

@@ -178,6 +178,10 @@ CHANGES = st.one_of(
                 "INSERT DATA { :new a semmap:Cup }",
                 "INSERT DATA { :mia ex:looksAt semmap:Table, type:sawhorse }",
                 "DELETE WHERE { ?x ex:looksAt type:table }",
+                "INSERT DATA { ex:moon a semmap:Table ; semmap:heldBy :bench, ex:sky }",
+                "INSERT DATA { ex:moon prop:colour 'red' ; rel:beside :saw ; semmap:z 0.8 }",
+                "DELETE WHERE { ex:moon semmap:heldBy ?y ; rel:beside ?z }",
+                "DELETE WHERE { ex:moon a ?t }",
             )
         ]
     ),
@@ -369,6 +373,26 @@ def test_statements_about_types_are_answers(workshop: Map) -> None:
         types = ("semmap:Table", "type:a", "semmap:Chair", "type:b")
         texts = [PREFIX + f"SELECT ?x {{ ?x ex:meant {each} }}" for each in types]
         assert [count for _, count in standing.add_all(texts)] == [1, 1, 0, 0]
+
+
+FOREIGN = (
+    "INSERT DATA { ex:moon semmap:heldBy :bench }",
+    "INSERT DATA { ex:moon prop:colour 'red' ; rel:beside :saw }",
+    "INSERT DATA { ex:moon a semmap:Table, type:sawhorse ; ex:looksAt :saw, ex:moon }",
+    "SELECT put(entity_id('glue'), entity_id('bench'))",
+    "INSERT DATA { :mia ex:looksAt ex:moon . ex:moon semmap:heldBy :cart ; semmap:state 'open' }",
+    "DELETE WHERE { ex:moon semmap:heldBy ?y }",
+    "DELETE WHERE { ex:moon ?p ?o }",
+)
+
+
+def test_facts_about_foreign_resources_are_events(module_engine: Engine) -> None:
+    url = module_engine.url.render_as_string(hide_password=False)
+    with semmap.connect(url) as database:
+        made = Watched(make_workshop(database, "another"), LOCAL + WHOLE)
+        with made.standing:
+            for change in FOREIGN:
+                made.check([PREFIX + change if "{" in change else change])
 
 
 def test_a_query_that_fails_ends_by_itself(workshop: Map) -> None:
