@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import psycopg
+import pytest
 import rdflib
 
 from semmap.knowledge.map_view import MapView
@@ -86,3 +87,68 @@ def test_a_map_without_foreign_facts_is_read_as_before(changing: psycopg.Connect
     assert "UNION" not in before
     update(changing, f"{EX} INSERT DATA {{ ex:kettle semmap:heldBy :table ; prop:colour 'red' }}")
     assert "UNION" in query(changing, text).explanation[0]
+
+
+HEAD = """
+PREFIX owl: <http://www.w3.org/2002/07/owl#> PREFIX ex: <http://example.org/>
+PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#>
+PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>
+PREFIX geo: <http://www.opengis.net/ont/geosparql#>
+PREFIX bot: <https://w3id.org/bot#> PREFIX sosa: <http://www.w3.org/ns/sosa/>
+PREFIX dul: <http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#>
+PREFIX oro: <http://kb.openrobots.org#> PREFIX knowrob: <http://knowrob.org/kb/knowrob.owl#>
+"""
+ONTOLOGIES = {
+    """<https://w3id.org/bot> a owl:Ontology ; owl:versionInfo "0.3" .
+    bot:Zone a owl:Class ; rdfs:label "Zone"@en ; owl:disjointWith bot:Interface .
+    bot:Storey a owl:Class ; rdfs:subClassOf bot:Zone .
+    bot:interfaceOf a owl:ObjectProperty ; rdfs:domain bot:Interface ;
+        rdfs:range [ a owl:Class ; owl:unionOf ( bot:Zone bot:Element ) ] .
+    bot:hasStorey a owl:ObjectProperty ; owl:propertyChainAxiom ( bot:hasBuilding bot:hasStorey ) .
+    ex:b1 a bot:Building ; bot:hasStorey ex:level1 . ex:level1 a bot:Storey ; bot:hasSpace ex:r1 .
+    ex:r1 a bot:Space ; bot:containsElement ex:w1 . ex:i1 a bot:Interface ; bot:interfaceOf ex:r1 .
+    """: "ex:level1 a bot:Storey ; bot:hasSpace ?x . ?x bot:containsElement ex:w1 . "
+    "ex:i1 bot:interfaceOf ?x",
+    """<http://www.w3.org/ns/sosa/> a owl:Ontology .
+    sosa:Sensor a owl:Class ; rdfs:comment "Device that responds to a stimulus"@en .
+    sosa:madeObservation a owl:ObjectProperty ; owl:inverseOf sosa:madeBySensor .
+    ex:s1 a sosa:Sensor , geo:Feature ; sosa:madeObservation ex:o1 ;
+        geo:hasGeometry [ a geo:Geometry ; geo:asWKT "POINT Z(1 2 3)"^^geo:wktLiteral ] .
+    ex:o1 a sosa:Observation ; sosa:hasSimpleResult 22.5 ;
+        sosa:resultTime "2026-01-01T00:00:00Z"^^xsd:dateTime .
+    """: "ex:s1 a geo:Feature ; geo:hasGeometry/geo:asWKT ?w FILTER(STR(?w) = 'POINT Z(1 2 3)')",
+    """<http://www.ontologydesignpatterns.org/ont/dul/DUL.owl> a owl:Ontology .
+    dul:PhysicalObject a owl:Class ; rdfs:subClassOf dul:Object , [ a owl:Restriction ;
+        owl:onProperty dul:isParticipantIn ; owl:someValuesFrom dul:Event ] .
+    dul:Agent a owl:Class ; rdfs:subClassOf dul:Object ; rdfs:label "Agente"@it .
+    dul:hasLocation a owl:ObjectProperty , owl:TransitiveProperty .
+    ex:p1 a dul:PhysicalObject , owl:NamedIndividual ; dul:hasLocation ex:p2 .
+    """: "ex:p1 a dul:PhysicalObject . dul:Agent rdfs:label 'Agente'@it",
+    """<http://kb.openrobots.org> a owl:Ontology .
+    oro:Agent a owl:Class ; rdfs:subClassOf oro:SpatialThing ; rdfs:comment "acts" .
+    oro:Opening a owl:Class . oro:isOn a owl:ObjectProperty ; rdfs:subPropertyOf oro:isAt .
+    oro:myself a oro:Agent ; rdfs:label "me" ; oro:isIn ex:lab . ex:door9 a oro:Opening .
+    ex:book a oro:Artifact ; oro:isOn ex:desk .
+    """: "oro:myself a oro:Agent ; oro:isIn ex:lab . ex:door9 a oro:Opening . "
+    "ex:book a oro:Artifact ; oro:isOn ex:desk",
+    """<http://knowrob.org/kb/knowrob.owl> a owl:Ontology ;
+        owl:imports <http://www.ontologydesignpatterns.org/ont/dul/DUL.owl> .
+    knowrob:Cup a owl:Class ; rdfs:subClassOf dul:PhysicalObject , [ a owl:Restriction ;
+        owl:onProperty knowrob:depthOfObject ; owl:cardinality "1"^^xsd:nonNegativeInteger ] .
+    knowrob:depthOfObject a owl:DatatypeProperty , owl:FunctionalProperty ; rdfs:range xsd:double .
+    [] a owl:AllDisjointClasses ; owl:members ( knowrob:Cup knowrob:Door ) .
+    ex:cup7 a knowrob:Cup ; knowrob:depthOfObject "0.08"^^xsd:double .
+    """: "ex:cup7 a knowrob:Cup ; knowrob:depthOfObject 0.08e0",
+}
+"""Small files in the manner of published ontologies, each with a pattern that matches then."""
+
+
+@pytest.mark.parametrize("text", ONTOLOGIES, ids=("bot", "sosa", "dul", "oro", "knowrob"))
+def test_ontologies_load_as_they_are(changing: psycopg.Connection, text: str) -> None:
+    new = parse_facts(HEAD + text, "turtle", Path("ontology.ttl"))
+    ask = f"{HEAD} ASK {{ {ONTOLOGIES[text]} }}"
+    before = Counter(facts(changing))
+    assert not query(changing, ask).truth
+    assert store_facts(changing, new, Path("ontology.ttl")) > 0
+    assert query(changing, ask).truth
+    assert not before - Counter(facts(changing))
