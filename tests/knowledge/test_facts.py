@@ -12,6 +12,7 @@ import rdflib
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import query
 from semmap.knowledge.rdf_file import parse_facts, store_facts
+from semmap.knowledge.reasoning.runs import reason
 from semmap.knowledge.updates import update
 from semmap.knowledge.whole_graph import dump, facts, serialized
 from tests.knowledge.engines import Engines, comparable
@@ -87,6 +88,20 @@ def test_a_map_without_foreign_facts_is_read_as_before(changing: psycopg.Connect
     assert "UNION" not in before
     update(changing, f"{EX} INSERT DATA {{ ex:kettle semmap:heldBy :table ; prop:colour 'red' }}")
     assert "UNION" in query(changing, text).explanation[0]
+
+
+def test_foreign_resources_have_the_superclasses_of_their_types(
+    changing: psycopg.Connection,
+) -> None:
+    ask = f"{EX} ASK {{ ex:jug a semmap:Drinkware }}"
+    reason(changing)
+    update(changing, f"{EX} INSERT DATA {{ ex:jug a semmap:Cup }}")
+    assert query(changing, ask).truth
+    update(changing, f"{EX} DELETE DATA {{ ex:jug a semmap:Cup }}")
+    assert not query(changing, ask).truth
+    update(changing, f"{EX} INSERT DATA {{ ex:jug a semmap:Cup }}")
+    reason(changing)
+    assert query(changing, ask).truth
 
 
 HEAD = """

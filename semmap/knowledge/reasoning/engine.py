@@ -44,7 +44,7 @@ class Rule:
     apart: tuple[Var, Var] | None = None  # two variables that must be different terms
     # the two variables must be known to be different resources; else not known to be so
     clash: bool = False
-    # facts that were told need not be considered: what follows is told, too
+    # facts told of entities need not be considered: what follows is told, too
     inferred_only: bool = False
 
 
@@ -153,7 +153,7 @@ class RuleSet:
         told: bool | None = None
         for key in _keys(fact):
             for rule, atom, rest in self.by_body.get(key, ()):
-                if rule.inferred_only:
+                if rule.inferred_only and isinstance(fact[0], int):
                     told = facts.is_told(fact) if told is None else told
                     if told:
                         continue
