@@ -47,7 +47,7 @@ class OntologyAxioms:
             f"SELECT {COLUMNS} FROM statement WHERE id IN (SELECT t.id FROM triple t "
             "WHERE t.map_id = %(map)s AND t.graph = 0 "
             "AND (t.until IS NULL OR t.until > statement_timestamp()) "
-            "AND (t.predicate = ANY (ARRAY(SELECT term_id(p) FROM unnest(%(properties)s::text[]) p)) "
+            "AND (t.predicate IN (SELECT term_id(p) FROM unnest(%(properties)s::text[]) p) "
             "OR t.predicate = term_id(%(type)s) "
             "AND t.object IN (SELECT term_id(c) FROM unnest(%(classes)s::text[]) c)))",
             {
