@@ -120,10 +120,14 @@ def watch(
 
     wrong: list[str] = []
     half: dict[str, tuple[int, int]] = {}
+    peaks = dict.fromkeys(programs, (0, 0))
     first = sizes(own)
     most = keep + 3
     start, last = time.monotonic(), 0
     for done in move(own, entity, moves, seed=1):
+        for name, program in programs.items():
+            memory, files = peaks[name]
+            peaks[name] = max(memory, program.memory), max(files, program.files)
         if done % max(moves // ROWS, 100):
             continue
         took, start = time.monotonic() - start, time.monotonic()
@@ -142,16 +146,17 @@ def watch(
         if changes > 2000:
             wrong.append(f"{changes} changes are stored longer than their retention")
         if not half and done >= moves / 2:
-            half, stored = used, found
+            half, stored = peaks, found
+            peaks = dict.fromkeys(programs, (0, 0))
     wrong += [
         f"{table} grew from {stored[table][2]:,} to {size:,} bytes in the second half"
         for table, (_, _, size) in found.items()
         if size > 1.5 * stored[table][2] + 1e6
     ]
     wrong += [
-        f"{name} grew from {half[name]} to {used[name]} bytes and open files"
+        f"{name} grew from {half[name]} to {peaks[name]} bytes and open files at most"
         for name in programs
-        if used[name][0] > half[name][0] + 20e6 or used[name][1] > half[name][1] + 20
+        if peaks[name][0] > half[name][0] + 20e6 or peaks[name][1] > half[name][1] + 20
     ]
     rows = {table: (first[table][0], now) for table, (now, _, _) in found.items()}
     print("more rows:", {table: pair for table, pair in rows.items() if pair[1] > pair[0]})
