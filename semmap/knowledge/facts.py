@@ -163,6 +163,8 @@ class FactWriter:
         for first in range(0, len(statements), _BATCH):
             some = statements[first : first + _BATCH]
             changed += self._change_statements(some, in_statements, numbers)
+        if len(statements) >= _BATCH:  # skipped where another role owns the tables
+            self._view.session.execute("ANALYZE triple, term")
         return changed
 
     def _resolved(self, facts: Iterable[Fact]) -> list[Fact]:
