@@ -135,6 +135,10 @@ REQUEST_SECONDS = Limit(
 BUNDLE_AHEAD = Limit(
     "bundle_ahead", 86_400, "s", "the time of a bundle of manipulation knowledge, after the clock"
 )
+READER_BYTES = Limit(
+    "reader_bytes", 8 * 2**30, "bytes", "the memory in which a USD or LAZ file is read"
+)
+READER_SECONDS = Limit("reader_seconds", 600, "s", "reading a USD or LAZ file")
 
 LIMITS = tuple(each for each in list(vars().values()) if isinstance(each, Limit))
 """All limits, in the order of the documentation."""

@@ -35,6 +35,9 @@ class WorldError(Error):
         self.path, self.element, self.problem, self.fix = str(path), element, problem, fix
         super().__init__(f"{path}: {element}: {problem}. {fix}")
 
+    def __reduce__(self) -> tuple[type[WorldError], tuple[str, str, str, str]]:
+        return WorldError, (self.path, self.element, self.problem, self.fix)
+
 
 class Refused(Exception):
     """An element of a file that cannot be used: what is wrong, and how to fix it."""

@@ -5,33 +5,26 @@ A damaged file can end its decoder, lazrs, by a stack that is too small, and the
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.own_process import ProcessEnded, call_apart
+
 
 def laz_points(path: Path) -> NDArray[np.float64]:
     """Read the points (N, 3) in the file's units; ValueError where they cannot be decoded."""
-    command = [sys.executable, "-P", "-m", __name__, str(path.resolve())]
-    done = subprocess.run(command, capture_output=True, check=False)
-    if done.returncode > 0:
-        raise ValueError(done.stderr.decode(errors="replace").strip().rpartition("\n")[2])
-    if done.returncode:
-        raise ValueError("its compressed points cannot be decoded")
-    return np.frombuffer(done.stdout).reshape(-1, 3)
+    try:
+        return call_apart(_decoded, path.resolve())
+    except ProcessEnded as error:
+        raise ValueError(f"its compressed points cannot be decoded: it {error}") from error
+    except RuntimeError as error:  # of laspy, or a panic of lazrs
+        raise ValueError(str(error).rpartition("\n")[2]) from error
 
 
-def _decode(path: str) -> None:
-    """Write the points as doubles to standard output."""
+def _decoded(path: Path) -> NDArray[np.float64]:
     import laspy
 
     with laspy.open(path) as file:
-        points = np.ascontiguousarray(file.read().xyz, float)
-    sys.stdout.buffer.write(points.tobytes())
-
-
-if __name__ == "__main__":
-    _decode(sys.argv[1])
+        return np.ascontiguousarray(file.read().xyz, float)

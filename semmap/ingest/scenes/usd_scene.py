@@ -1,4 +1,4 @@
-"""Universal Scene Description (USD), read by its own library.
+"""Universal Scene Description (USD), read by its own library in a process of its own.
 
 A component (a prim of this kind) is one object with all that is below it. Elsewhere each prim with
 a surface is an object; a transform with nothing but one of these gives it name and pose, as Blender
@@ -31,6 +31,7 @@ from semmap.ingest.sdf.elements import Unusable, leaving_out
 from semmap.ingest.sdf.models import Role
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import EXTENT, MESH_BYTES, NESTING, PARTS, PRIMS, TRIANGLES
+from semmap.own_process import ProcessEnded, call_apart
 
 AXES = {
     "X": np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
@@ -60,6 +61,21 @@ def read_usd(path: Path, *, geometry: Role = "visual") -> World:
     refused = partial(WorldError, path, "file")
     MESH_BYTES.check(path.stat().st_size, refused, "Split it into several files.")
     try:
+        nodes, skipped, has_unit = call_apart(_read, path, geometry)
+    except ProcessEnded as error:
+        fix = "The file may be damaged: export it again."
+        raise WorldError(path, "file", f"cannot be read by USD: it {error}", fix) from error
+    world = scene_world(path, nodes, skipped=skipped)
+    if not has_unit:
+        world.notes.append(
+            "the stage states no metersPerUnit: its unit is a centimetre, as in all USD"
+        )
+    return world
+
+
+def _read(path: Path, geometry: Role) -> tuple[list[SceneNode], list[Skipped], bool]:
+    """Return the objects of a stage, those left out, and whether it states its unit."""
+    try:
         from pxr import Tf, UsdGeom
     except ImportError as error:
         fix = "Install the extra: pip install 'semmap[usd]'."
@@ -73,12 +89,7 @@ def read_usd(path: Path, *, geometry: Role = "visual") -> World:
         raise WorldError(path, "file", "is not UTF-8", "Save it as UTF-8.") from error
     except Tf.ErrorException as error:  # a value of another type than its name says
         raise _not_a_stage(path, error) from error
-    world = scene_world(path, nodes, skipped=skipped)
-    if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
-        world.notes.append(
-            "the stage states no metersPerUnit: its unit is a centimetre, as in all USD"
-        )
-    return world
+    return nodes, skipped, bool(UsdGeom.StageHasAuthoredMetersPerUnit(stage))
 
 
 def _opened(path: Path) -> Any:
