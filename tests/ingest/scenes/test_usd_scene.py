@@ -356,3 +356,13 @@ def test_faces_without_their_points_are_left_out(tmp_path: Path) -> None:
     assert {s.element.strip("/") for s in world.skipped} == {
         *("Beyond", "Fewer", "Negative", "Bare", "Infinite", "Far")
     }
+
+
+def test_a_stage_that_takes_too_long_is_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "slow.usda"
+    Usd.Stage.CreateNew(str(path)).Save()
+    monkeypatch.setenv("SEMMAP_MAX_READER_SECONDS", "0.01")
+    with pytest.raises(WorldError, match=r"slow\.usda: file: .* more than 0\.01 s .*export it"):
+        read_usd(path)
