@@ -288,14 +288,15 @@ class Soak:
 
     def _wait_for_writes(self) -> None:
         """Until each process had its time to work."""
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + 300  # all load their modules first
         before = {file: last_line(file) for file in self.state.glob("writer-*")}
         others = [self.state / name for name in ("poller", "service", "follower", "observed")]
         others += [self.state / f"stated-{name}" for name in self._stated]
         while not all(file.exists() for file in others) or not any(
             last_line(file) != before.get(file) for file in self.state.glob("writer-*")
         ):
-            assert time.monotonic() < deadline, "an actor does not come to work"
+            late = [file.name for file in others if not file.exists()] or "writers"
+            assert time.monotonic() < deadline, f"an actor does not come to work: {late}"
             time.sleep(0.1)
 
 
