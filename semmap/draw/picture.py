@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from semmap.garbage import give_back_memory
 from semmap.temporary_folder import temporary_folder
 from semmap.whole_file import whole_file, write_whole
 
@@ -69,6 +70,7 @@ class Picture:
 
         with temporary_folder() as folder:
             png = drawn(folder / "picture.png")
+        give_back_memory()
         if unknown:
             letters = "".join(sorted(unknown))
             notes += (
