@@ -30,6 +30,7 @@ TABLES = (
     "manipulation",
     "perception",
     "knowledge",
+    "stated",
     "endpoint",
     "subscriptions",
     "reasoning",

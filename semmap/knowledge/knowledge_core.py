@@ -25,7 +25,7 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import name_of
 from semmap.knowledge.rdf_file import read_facts, store_facts
 from semmap.knowledge.results import sparql_json
-from semmap.knowledge.sparql.kept_queries import Term
+from semmap.knowledge.sparql.stored_terms import Term
 from semmap.knowledge.standing.subscriptions import Event
 from semmap.knowledge.vocabulary import SEMMAP
 from semmap.query.map_handle import MapHandle, MapSource

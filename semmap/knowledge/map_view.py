@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,13 +15,15 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.database.maps import pick_map
 from semmap.knowledge.fields.rows import FieldRows
 from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, literals_in, resolve
-from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, term_of
+from semmap.knowledge.sparql.kept_queries import Basis, Row, Session
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, MapGraph
+from semmap.knowledge.sparql.stored_terms import NUMBER, READ, PrunedError, term_of, terms_of
 from semmap.knowledge.sparql.translator import SqlStatement, translate
 from semmap.knowledge.vocabulary import map_namespace, prefixes
 from semmap.language.grammar import Form
 from semmap.language.parser import ParsedText, parse_sparql
 
+_TRIES = 3  # where terms of an answer are pruned before they are read
 _KEPT = 16  # how many translations of one text are kept
 _MAP = (
     "SELECT m.name, m.id, r.properties, r.classes "
@@ -118,12 +121,28 @@ class MapView:
         """Return the solutions of a statement."""
         values = (f"\n-- {name} = {value!r}" for name, value in statement.parameters.items())
         self.statements.append(statement.sql + "".join(values))
-        self.check_time()
-        with self.session.cursor() as cursor:
-            cursor.execute(statement.sql.encode(), statement.parameters, prepare=False)
-            rows = cursor.fetchall()
-        width = range(len(statement.names))
-        return [tuple(term_of(row[2 * i], row[2 * i + 1]) for i in width) for row in rows]
+        for _ in range(_TRIES):
+            self.check_time()
+            with self.session.cursor() as cursor:
+                cursor.execute(statement.sql.encode(), statement.parameters, prepare=False)
+                rows = cursor.fetchall()
+            with suppress(PrunedError):
+                return self._terms(rows, len(statement.names))
+        raise psycopg.errors.SerializationFailure("terms were pruned meanwhile: ask again")
+
+    def _terms(self, rows: list[tuple[Any, ...]], width: int) -> list[Row]:
+        columns = [[(row[2 * i], row[2 * i + 1]) for row in rows] for i in range(width)]
+        numbers = {int(text) for column in columns for text, tag in column if tag == NUMBER}
+        known = terms_of(
+            self.session,
+            numbers,
+            lambda missing: self.session.execute(READ, [missing], prepare=True),
+        )
+        terms = [
+            [known[int(text)] if tag == NUMBER else term_of(text, tag) for text, tag in column]
+            for column in columns
+        ]
+        return list(zip(*terms, strict=True)) if terms else [()] * len(rows)
 
     def check_time(self) -> None:
         """Stop a query or an update, as the server does, after its deadline."""

@@ -22,8 +22,9 @@ from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.rdflib_algebra import correct
 from semmap.knowledge.sparql.expressions import UntranslatedError
-from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries, Row, Session, Term
+from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries, Row, Session
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen
+from semmap.knowledge.sparql.stored_terms import Term
 from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import with_prefixes, without_warnings

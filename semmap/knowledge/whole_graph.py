@@ -13,7 +13,8 @@ from pyoxigraph import RdfFormat
 
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERENCES, INFERRED_GRAPH, STATEMENTS_AS_TEXTS, TRIPLES
-from semmap.knowledge.sparql.kept_queries import Session, term_of
+from semmap.knowledge.sparql.kept_queries import Session
+from semmap.knowledge.sparql.stored_terms import term_of
 from semmap.knowledge.sparql.values import tag_of, text_of
 from semmap.knowledge.triple_map import OWN_LETTERS, TripleMap
 from semmap.knowledge.vocabulary import graph_iri, prefixes

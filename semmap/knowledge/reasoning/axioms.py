@@ -22,7 +22,7 @@ from semmap.knowledge.reasoning.rules import (
 )
 from semmap.knowledge.reasoning.told_facts import COLUMNS, Hierarchy, fact_of
 from semmap.knowledge.sparql.constants import Constants, tag_and_text
-from semmap.knowledge.sparql.kept_queries import term_of
+from semmap.knowledge.sparql.stored_terms import term_of
 from semmap.knowledge.vocabulary import prefixes, short
 
 _EQUALITY = " with equality"

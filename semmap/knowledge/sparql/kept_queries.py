@@ -12,7 +12,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
@@ -25,13 +25,12 @@ from psycopg.pq.abc import PGconn, PGresult
 
 from semmap.knowledge.sparql.constants import Constants, Found, Lookup
 from semmap.knowledge.sparql.scope import Inferred
-from semmap.knowledge.vocabulary import XSD
+from semmap.knowledge.sparql.stored_terms import NUMBER, READ, PrunedError, Term, term_of, terms_of
 
 if TYPE_CHECKING:
     from semmap.knowledge.sparql.translator import SqlStatement
 
 Session = psycopg.Connection[Any]
-Term = rdflib.term.Identifier
 Row = tuple[Term | None, ...]
 
 PLANNER = {"join_collapse_limit": "11", "from_collapse_limit": "11"}
@@ -63,6 +62,9 @@ _LIMITS = ", ".join(
     ]
 ).encode()
 """Is executed first: reading the basis may wait, too."""
+
+_READ = READ.replace("%s", "$1").encode()
+_NUMBER = NUMBER.encode()
 
 _PARAMETER = re.compile(r"(LIMIT |OFFSET )?%\((\w+)\)s::([a-z]+(?:\[\])?)")
 _PLAIN_NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -227,7 +229,15 @@ class KeptQueries:
             return None
         if kept.has_a_bad_plan(time.perf_counter() - start):
             self._queries.pop(key, None)
-        return kept.answer(_solutions(results[2], kept.width))
+        try:
+            solutions = _solutions(
+                results[2],
+                kept.width,
+                lambda n: terms_of(session, n, partial(_read, session, state)),
+            )
+        except PrunedError:
+            return None
+        return kept.answer(solutions)
 
 
 def _is_idle(session: Session) -> bool:
@@ -283,6 +293,20 @@ def _run(
     return found
 
 
+def _read(session: Session, state: _State, numbers: list[int]) -> list[tuple[str, ...]] | None:
+    """Return the rows of terms; None where the statement fails."""
+    listed = f"{{{','.join(map(str, numbers))}}}".encode()
+    with session.lock:
+        results = _run(session.pgconn, state, ((_READ, [listed]),))
+    if results is None:
+        return None
+    (found,) = results
+    return [
+        tuple((found.get_value(i, j) or b"").decode() for j in range(3))
+        for i in range(found.ntuples)
+    ]
+
+
 def _received(pgconn: PGconn) -> Iterable[PGresult]:
     ended = False
     while pgconn.status == ConnStatus.OK:
@@ -304,13 +328,19 @@ def _texts(result: PGresult) -> Iterable[Found]:
         yield tuple(None if v is None else v.decode() for v in values)
 
 
-def _solutions(result: PGresult, width: int) -> list[Row]:
+def _solutions(result: PGresult, width: int, read: Callable[[set[int]], Any]) -> list[Row]:
     value, count = result.get_value, result.ntuples
     columns = [
-        [_term(value(i, 2 * column), value(i, 2 * column + 1)) for i in range(count)]
+        [(value(i, 2 * column), value(i, 2 * column + 1)) for i in range(count)]
         for column in range(width)
     ]
-    return list(zip(*columns, strict=True)) if columns else [()] * count
+    numbers = {int(text) for column in columns for text, tag in column if tag == _NUMBER and text}
+    known = read(numbers) if numbers else {}
+    terms = [
+        [known[int(t)] if tag == _NUMBER and t else _term(t, tag) for t, tag in column]
+        for column in columns
+    ]
+    return list(zip(*terms, strict=True)) if terms else [()] * count
 
 
 def _term(text: bytes | None, tag: bytes | None) -> Term | None:
@@ -322,18 +352,3 @@ def _term(text: bytes | None, tag: bytes | None) -> Term | None:
 @lru_cache(maxsize=2**14)
 def _iri(text: bytes) -> rdflib.URIRef:
     return rdflib.URIRef(text.decode())
-
-
-def term_of(text: str | None, tag: str | None) -> Term | None:
-    """Return the term of a text and a tag."""
-    if text is None or tag is None:
-        return None
-    if tag == "I":
-        return rdflib.URIRef(text)
-    if tag == "B":
-        return rdflib.BNode(text)
-    if tag.startswith("@"):
-        return rdflib.Literal(text, lang=tag[1:])
-    if tag == f"{XSD}string":
-        return rdflib.Literal(text)
-    return rdflib.Literal(text, datatype=rdflib.URIRef(tag), normalize=False)

@@ -27,6 +27,7 @@ from semmap.knowledge.sparql.relation import (
     unless_null,
 )
 from semmap.knowledge.sparql.scope import MapGraph, PatternScope
+from semmap.knowledge.sparql.stored_terms import columns_with_numbers
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.sparql.values import NUMERIC, as_term, same, tag_of, text_of
 from semmap.knowledge.triple_map import Form, Value
@@ -48,10 +49,14 @@ class SqlStatement:
 def translate(
     algebra: Any, names: tuple[str, ...], source: MapGraph, limit: int | None = None
 ) -> SqlStatement:
-    """Translate a pattern for at most `limit` rows; raises UntranslatedError."""
+    """Translate a pattern for at most `limit` rows, with terms of statements as numbers.
+
+    Raises UntranslatedError.
+    """
     algebra = count_solutions(algebra)
     uses = count_variables(algebra) + Counter(names)
     translator = _Translator(source, uses)
+    translator.numbered = True
     sql = translator.result(algebra, names)
     if limit is not None:
         sql = f"SELECT * FROM ({sql}) result LIMIT {translator.parameters.bind(limit, 'bigint')}"
@@ -91,6 +96,9 @@ def translate_each(
 class _Translator(TriplePatterns):
     """Translates patterns; each method `_rows_X` those of the algebra's node X."""
 
+    numbered = False
+    """Whether columns of the result have the numbers of terms that statements have."""
+
     def __init__(self, source: MapGraph, uses: Counter[str]) -> None:
         super().__init__(source, uses)
         self._scope = PatternScope()
@@ -109,6 +117,10 @@ class _Translator(TriplePatterns):
         columns = []
         for i, name in enumerate(names):
             value = rows.variables.get(name, UNBOUND)
+            if self.numbered and value.form in ("resource", "stored"):
+                text, tag = columns_with_numbers(value, self.namespace)
+                columns.append(f"{text} AS v{i}, {tag} AS t{i}")
+                continue
             text = entity_iri(rows, value, self.namespace) or text_of(value, self.namespace)
             tag = tag_of(value)
             if value.tag is None and not isinstance(value.constant, tuple):

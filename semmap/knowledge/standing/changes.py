@@ -12,7 +12,7 @@ import rdflib
 from semmap.knowledge.facts import Fact
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH, NODES
-from semmap.knowledge.sparql.kept_queries import Term, term_of
+from semmap.knowledge.sparql.stored_terms import Term, term_of
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import encode
 

@@ -13,7 +13,8 @@ import rdflib
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import errors_of, limited, query
 from semmap.knowledge.sparql.constants import tag_and_text
-from semmap.knowledge.sparql.kept_queries import Row, Term, term_of
+from semmap.knowledge.sparql.kept_queries import Row
+from semmap.knowledge.sparql.stored_terms import Term, term_of
 from semmap.knowledge.sparql.translator import GIVEN, SqlStatement
 from semmap.knowledge.standing.parts import QueryPart, Solution
 from semmap.knowledge.standing.templates import translated

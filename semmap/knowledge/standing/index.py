@@ -14,7 +14,7 @@ import rdflib
 
 from semmap.knowledge.facts import Fact
 from semmap.knowledge.mapping import COMPUTED, TOPOLOGICAL
-from semmap.knowledge.sparql.kept_queries import Term
+from semmap.knowledge.sparql.stored_terms import Term
 from semmap.knowledge.standing.parts import (
     SIDES,
     PartPattern,

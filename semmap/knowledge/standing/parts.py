@@ -29,7 +29,8 @@ from semmap.knowledge.mapping import (
     is_mapped,
 )
 from semmap.knowledge.queries import plain
-from semmap.knowledge.sparql.kept_queries import Row, Term
+from semmap.knowledge.sparql.kept_queries import Row
+from semmap.knowledge.sparql.stored_terms import Term
 from semmap.knowledge.sparql.triple_match import MatchedPattern
 from semmap.knowledge.sparql.triples import prune
 from semmap.knowledge.triple_map import Computed, Form, TripleMap

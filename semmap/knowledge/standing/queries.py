@@ -21,8 +21,9 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import is_mapped
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.constants import Constants, resolve
-from semmap.knowledge.sparql.kept_queries import Row, Term
+from semmap.knowledge.sparql.kept_queries import Row
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED
+from semmap.knowledge.sparql.stored_terms import Term
 from semmap.knowledge.standing.changes import Changes, Touched, ask
 from semmap.knowledge.standing.evaluation import Evaluation, Job, Regions
 from semmap.knowledge.standing.index import PatternIndex, Triples

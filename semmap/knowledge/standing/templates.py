@@ -16,7 +16,7 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import FACTS
 from semmap.knowledge.sparql.constants import Constants, iris_in
 from semmap.knowledge.sparql.expressions import UntranslatedError
-from semmap.knowledge.sparql.kept_queries import Term
+from semmap.knowledge.sparql.stored_terms import Term
 from semmap.knowledge.sparql.translator import SqlStatement, translate_each
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.standing.parts import PartPattern, QueryPart, reads_geometry, split

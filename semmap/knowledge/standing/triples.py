@@ -18,7 +18,7 @@ from semmap.knowledge.facts import Fact
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import COMPUTED
 from semmap.knowledge.sparql.constants import Constants
-from semmap.knowledge.sparql.kept_queries import Term, term_of
+from semmap.knowledge.sparql.stored_terms import Term, term_of
 from semmap.knowledge.sparql.translator import GIVEN, translate_each
 from semmap.knowledge.standing.changes import Touched
 from semmap.knowledge.standing.index import COSTLY, Key, PatternIndex, Triples
