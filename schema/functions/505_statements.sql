@@ -15,7 +15,7 @@ DECLARE
     found bigint[];
 BEGIN
     INSERT INTO semmap.term (text, tag)
-        SELECT DISTINCT g.text, g.tag FROM unnest(texts, tags) g (text, tag)
+        SELECT DISTINCT g.text COLLATE "C", g.tag COLLATE "C" FROM unnest(texts, tags) g (text, tag)
         WHERE NOT EXISTS (SELECT FROM semmap.term t WHERE md5(t.text)::uuid = md5(g.text)::uuid AND t.tag = g.tag)
         ORDER BY 1, 2 ON CONFLICT DO NOTHING;
     found := ARRAY(SELECT t.id FROM unnest(texts, tags) WITH ORDINALITY g (text, tag, n) LEFT JOIN semmap.term t

@@ -38,7 +38,9 @@ BEGIN
     RETURN CASE TG_OP WHEN 'DELETE' THEN OLD ELSE NEW END;
 END $$;
 
-CREATE TRIGGER robot_states_its_own BEFORE INSERT OR UPDATE OR DELETE ON triple
+CREATE TRIGGER robot_adds_its_own BEFORE INSERT ON triple
+    FOR EACH ROW WHEN (NEW.stated_by IS DISTINCT FROM current_user) EXECUTE FUNCTION robot_states_its_own();
+CREATE TRIGGER robot_states_its_own BEFORE UPDATE OR DELETE ON triple
     FOR EACH ROW EXECUTE FUNCTION robot_states_its_own();
 
 DO $$
