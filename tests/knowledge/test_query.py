@@ -129,6 +129,12 @@ QUERIES = (
     "SELECT ?x ?y { ?x (rel:beside/^semmap:heldBy)+ ?y }",
     "SELECT ?y { :ann !(rdf:type|ex:likes) ?y }",
     "SELECT ?y { ex:thing !(^ex:likes) ?y }",
+    # a term that no statement has
+    "SELECT ?x ?o { ?x ex:likes ?o FILTER(?x != ex:nobody) }",
+    "SELECT ?x ?y { GRAPH ?g { ?x !(ex:nobody) ?y } }",
+    "SELECT ?x { ?x ex:likes ?o FILTER(?x IN (ex:nobody, :ann) || ?g = ex:nobody) }",
+    "SELECT ?x ?p { ?x ?p 'said by nobody' }",
+    "SELECT ?x ?y { ?x ex:likes ?o BIND(ex:nobody AS ?y) OPTIONAL { ?y ex:likes ?o } }",
     "SELECT DISTINCT ?x ?y { ?x !(^ex:likes|ex:age|^rdf:type) ?y FILTER(isIRI(?x) && isIRI(?y)) }",
     "SELECT ?t { semmap:DiningTable rdfs:subClassOf+ ?t }",
     "SELECT ?x { ?x a/rdfs:subClassOf* ex:Liquid }",
