@@ -122,7 +122,7 @@ REGION_BLOCKS = Limit(
 QUERY_CHARACTERS = Limit("query_characters", 1_000_000, "characters", "a query")
 QUERY_WORDS = Limit("query_words", 2_500, "words", "a query, marks and numbers counted")
 QUERY_ROWS = Limit("query_rows", 2**24, "rows", "solutions of a query, or a part of one")
-QUERY_SECONDS = Limit("query_seconds", 60, "s", "evaluating a query")
+QUERY_SECONDS = Limit("query_seconds", 60, "s", "evaluating a query, or SPARQL in shapes")
 REGEX_SECONDS = Limit(
     "regex_seconds", 1, "s", "matching one name in REGEX of a query on fields, or in sh:pattern"
 )
@@ -136,9 +136,12 @@ BUNDLE_AHEAD = Limit(
     "bundle_ahead", 86_400, "s", "the time of a bundle of manipulation knowledge, after the clock"
 )
 READER_BYTES = Limit(
-    "reader_bytes", 8 * 2**30, "bytes", "the memory in which a USD or LAZ file is read"
+    "reader_bytes",
+    8 * 2**30,
+    "bytes",
+    "the memory in which a USD or LAZ file is read, or SPARQL in shapes is evaluated",
 )
-READER_SECONDS = Limit("reader_seconds", 600, "s", "reading a USD or LAZ file")
+READER_SECONDS = Limit("reader_seconds", 600, "s", "a process that reads or evaluates these")
 
 LIMITS = tuple(each for each in list(vars().values()) if isinstance(each, Limit))
 """All limits, in the order of the documentation."""

@@ -127,7 +127,7 @@ class MapReasoning(MapQuestions):
         from semmap.knowledge.shacl import domain_shapes, read_shapes, validate
 
         paths = [shapes] if isinstance(shapes, str | Path) else shapes or ()
-        chosen = [read_shapes(Path(path)) for path in paths] or [domain_shapes()]
+        chosen = [read_shapes(Path(path), seconds=seconds) for path in paths] or [domain_shapes()]
         with self.reading() as session:
             return validate(session, chosen, seconds=seconds)
 

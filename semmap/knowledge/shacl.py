@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -22,9 +24,10 @@ from semmap.knowledge.queries import limited_view
 from semmap.knowledge.results import shown
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.timed_patterns import TimedPatterns
+from semmap.knowledge.timed_shapes import checked_apart
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
-from semmap.limits import REGEX_SECONDS
+from semmap.limits import QUERY_SECONDS, REGEX_SECONDS
 
 MANY = 2_000  # from so many nodes on, the whole map is validated
 _ENDS = (SH.targetSubjectsOf, SH.targetObjectsOf, SH.equals, SH.disjoint, SH.lessThan)
@@ -84,7 +87,12 @@ class Shapes:
     @property
     def needs_everything(self) -> bool:
         """Whether the shapes may look at all facts: by SPARQL, or because they are closed."""
-        return any((None, p, None) in self.graph for p in (SH.sparql, SH.select, SH.closed, SH.js))
+        return self.has_sparql or any((None, p, None) in self.graph for p in (SH.closed, SH.js))
+
+    @property
+    def has_sparql(self) -> bool:
+        """Whether rdflib evaluates queries of the shapes."""
+        return any((None, p, None) in self.graph for p in (SH.sparql, SH.select, SH.ask))
 
     @cached_property
     def reach(self) -> int | None:
@@ -104,10 +112,14 @@ def domain_shapes() -> Shapes:
     return read_shapes(schema_folder() / "shapes" / "domain.ttl")
 
 
-def read_shapes(path: Path) -> Shapes:
-    """Return the shapes of a Turtle file; or WorldError."""
+def read_shapes(path: Path, *, seconds: float | None = None) -> Shapes:
+    """Return the shapes of a Turtle file; or WorldError.
+
+    Their SPARQL is stopped after some seconds, by default after those of a query.
+    """
     shapes = _parsed(path.stem, read_text(path), path)
-    _conforms(shapes, rdflib.Graph(), path, check=True)
+    most = QUERY_SECONDS.value if seconds is None else seconds
+    _conforms(shapes, rdflib.Graph(), path, None, most, check=True)
     return shapes
 
 
@@ -230,20 +242,39 @@ def _violations(
     else:
         data = _around(view, shapes, focus)
     return sorted(
-        _report(view, _conforms(shapes, data, Path(shapes.name), focus)),
+        _report(view, _conforms(shapes, data, Path(shapes.name), focus, _seconds_left(view))),
         key=lambda v: (v.severity, v.name, v.message),
     )
+
+
+def _seconds_left(view: MapView) -> float:
+    if view.deadline == math.inf:
+        return QUERY_SECONDS.value
+    return max(0.01, view.deadline - time.monotonic())
 
 
 def _conforms(
     shapes: Shapes,
     data: rdflib.Graph,
     path: Path,
-    focus: Iterable[Any] | None = None,
+    focus: set[rdflib.URIRef] | None,
+    seconds: float,
     *,
     check: bool = False,
 ) -> rdflib.Graph:
     """Return the report of SHACL; check the shapes by those of SHACL itself."""
+    if shapes.has_sparql:
+        return checked_apart(_checked, seconds, path, shapes.graph, data, path, focus, check)
+    return _checked(shapes.graph, data, path, focus, check)
+
+
+def _checked(
+    shapes: rdflib.Graph,
+    data: rdflib.Graph,
+    path: Path,
+    focus: set[rdflib.URIRef] | None,
+    check: bool,
+) -> rdflib.Graph:
     try:
         import pyshacl
         from pyshacl.constraints.core import string_based_constraints
@@ -256,7 +287,7 @@ def _conforms(
         with without_warnings():
             _, report, text = pyshacl.validate(
                 data,
-                shacl_graph=shapes.graph,
+                shacl_graph=shapes,
                 inplace=True,
                 advanced=False,
                 do_owl_imports=False,
@@ -267,6 +298,8 @@ def _conforms(
         problem = f"takes longer than {REGEX_SECONDS.value:g} s for one value"
         fix = f"Do not nest repetitions. {REGEX_SECONDS.variable} raises the limit."
         raise WorldError(path, "sh:pattern", problem, fix) from error
+    except MemoryError:
+        raise
     except Exception as error:  # pyshacl raises anything on malformed shapes
         raise WorldError(
             path, "shape", f"is malformed: {str(error).strip()[:300]}", "See the SHACL standard."

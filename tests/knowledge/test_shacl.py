@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -152,6 +153,43 @@ def test_a_pattern_that_takes_too_long_is_refused(
     path = written(tmp_path, text + 'ex:P sh:path ex:code ; sh:pattern "^(a|aa)+$" .')
     with pytest.raises(WorldError, match=r"sh:pattern: takes longer than 1 s .*Do not nest"):
         validate(changing, [read_shapes(path)])
+
+
+SLOW = """
+ex:Fast a sh:NodeShape ; sh:targetClass semmap:Cup ;
+    sh:sparql [ sh:select "SELECT $this { $this a ?none }" ] .
+ex:Slow a sh:NodeShape ; sh:targetClass semmap:Sofa ; sh:property [ sh:path ex:code ;
+    sh:sparql [ sh:select "SELECT $this { %s FILTER(?p9 != 1) }" ] ] .
+"""
+MANY = "".join(f"{{ SELECT $this ?p{i} {{ ?s{i} ?p{i} ?o{i} }} }}" for i in range(10))
+NESTED = "$this <http://example.org/name> ?p9 FILTER(REGEX(?p9, '^(a|aa)+$'))"
+
+
+@pytest.mark.parametrize("pattern", [MANY, NESTED])
+def test_sparql_of_a_shape_that_takes_too_long_is_stopped(
+    changing: psycopg.Connection, tmp_path: Path, pattern: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    update(changing, EX + f"INSERT DATA {{ :sofa ex:name '{'a' * 60}b' }}")
+    shapes = read_shapes(written(tmp_path, SLOW % pattern))
+    begin = time.monotonic()
+    stopped = r"shape http://example.org/Slow: its SPARQL was stopped after [12].* s\. Make it"
+    with pytest.raises(WorldError, match=stopped):
+        validate(changing, [shapes], seconds=2)
+    monkeypatch.setenv("SEMMAP_MAX_QUERY_SECONDS", "2")
+    with pytest.raises(WorldError, match=stopped):
+        bind_shapes(changing, shapes)
+    assert time.monotonic() - begin < 30
+    assert not binding_shapes(MapView.of(changing))
+
+
+def test_sparql_of_a_shape_has_a_limit_of_memory(
+    changing: psycopg.Connection, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grow = "".join(f"BIND(CONCAT(?p{i}, ?p{i}) AS ?p{i + 1}) " for i in range(40))
+    shapes = read_shapes(written(tmp_path, SLOW % f"BIND('abcdefgh' AS ?p0) {grow}"))
+    monkeypatch.setenv("SEMMAP_MAX_READER_BYTES", str(2**29))
+    with pytest.raises(WorldError, match="512 MiB of memory"):
+        validate(changing, [shapes])
 
 
 CHANGES = (
