@@ -92,7 +92,10 @@ ELEMENTS = Limit(
     "elements",
     2_000_000,
     "values",
-    "a YAML file, aliases unfolded; lists and objects of JSON; elements of XML",
+    "a YAML file, aliases unfolded; lists and objects of JSON; elements of XML; facts of RDF",
+)
+RDF_CHARACTERS = Limit(
+    "rdf_characters", 2**29, "characters", "the facts of an RDF file, prefixes unfolded"
 )
 TRIANGLES = Limit("triangles", 20_000_000, "triangles", "a mesh file or model with all it nests")
 PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, nested ones included")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,12 @@ from semmap.knowledge.facts import Fact, FactWriter, RefusedError, with_conseque
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH, TRIPLES
 from semmap.knowledge.queries import limited
+from semmap.knowledge.rdf_unfolding import refuse_unfolding
 from semmap.knowledge.shacl import BrokenShapeError
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.vocabulary import XSD
 from semmap.knowledge.whole_graph import RDF_FORMATS, facts_of
-from semmap.limits import TEXT_BYTES
+from semmap.limits import ELEMENTS, RDF_CHARACTERS, TEXT_BYTES
 
 FORMATS = {
     ".ttl": "turtle",
@@ -56,14 +58,34 @@ def parse_facts(text: str, format_: str, source: Path, base: str | None = None) 
     """
     if format_ == "xml":
         _refuse_blow_up(text, source)
+    refuse_unfolding(text, format_, source)
     try:
         where = base or source.absolute().as_uri()
         quads = pyoxigraph.parse(text, format=RDF_FORMATS[format_], base_iri=where)
-        return [Fact(*map(_term, quad)) for quad in quads]
+        return _limited_facts(quads, source)
+    except MemoryError as error:  # of pyoxigraph's buffer
+        problem = f"has a term that is too long: {error}"
+        raise WorldError(source, "file", problem, "Shorten it.") from error
     except (SyntaxError, ValueError, RecursionError) as error:
         raise WorldError(
             source, "file", f"is not {format_}: {str(error)[:300]}", "Fix its syntax."
         ) from error
+
+
+def _limited_facts(quads: Iterable[Any], source: Path) -> list[Fact]:
+    """Return facts, or refuse them while they are read: short text may stand for much."""
+    found: list[Fact] = []
+    characters = 0
+    most, most_characters = ELEMENTS.value, RDF_CHARACTERS.value
+    for quad in quads:
+        fact = Fact(*map(_term, quad))
+        found.append(fact)
+        characters += sum(map(len, filter(None, fact)))
+        if len(found) > most or characters > most_characters:
+            where = partial(WorldError, source, f"fact {len(found)}")
+            ELEMENTS.check(len(found), where, "Split the file.")
+            RDF_CHARACTERS.check(characters, where, "Split the file, or shorten its prefixes.")
+    return found
 
 
 _ENTITY = re.compile(r'<!ENTITY\s+[^\s%]+\s+"([^"&]*)"')

@@ -61,7 +61,18 @@ FACTS = """
 :mug a ex:Mug ; rdfs:label "a mug"@en, "Tasse"@de ; ex:size 0.1, 5, true ; ex:near [ ex:of :desk ] .
 :ann ex:said "2026-01-31T12:00:00Z"^^<http://www.w3.org/2001/XMLSchema#dateTime> ; ex:has (1 2) .
 """
-FORMATS = {"turtle": ".ttl", "trig": ".trig", "json-ld": ".jsonld", "nquads": ".nq"}
+FORMATS = {
+    "turtle": ".ttl",
+    "trig": ".trig",
+    "json-ld": ".jsonld",
+    "nt": ".nt",
+    "nquads": ".nq",
+    "xml": ".rdf",
+}
+ENTITIES = b"""<?xml version="1.0"?><!DOCTYPE r:RDF [<!ENTITY ex "http://example.org/">]>
+<r:RDF xmlns:r="http://www.w3.org/1999/02/22-rdf-syntax-ns#" xmlns:ex="&ex;" xml:base="&ex;">
+<ex:Mug r:about="&ex;mug" ex:size="5"><ex:near r:nodeID="a"/><ex:of xml:lang="de">Tasse</ex:of>
+<ex:parts r:parseType="Collection"><r:Description r:ID="b"/></ex:parts></ex:Mug></r:RDF>"""
 
 
 def facts(format_: str) -> Iterator[bytes]:
@@ -74,6 +85,8 @@ def facts(format_: str) -> Iterator[bytes]:
         yield dataset.serialize(format=format_).encode()
     if format_ in ("turtle", "trig"):
         yield FACTS.encode()
+    if format_ == "xml":
+        yield ENTITIES
 
 
 def run_facts(format_: str, data: bytes, folder: Path) -> None:
@@ -140,6 +153,7 @@ def run_shapes(data: bytes, folder: Path) -> None:
 
 
 TEXT = [words_of, words_of, bytes_of, lines_of]
+TREES = {"json-ld": (json_tree, json_tree), "xml": (xml_tree, xml_tree)}
 LINKS = b"left,right,same\na,b,yes\nc,d,no\n"
 
 KNOWLEDGE_FILE_KINDS = [
@@ -156,7 +170,7 @@ KNOWLEDGE_FILE_KINDS = [
         Kind(
             f"facts {format_}",
             partial(lambda f: list(facts(f)), format_),
-            [*TEXT, json_tree, json_tree] if format_ == "json-ld" else TEXT,
+            [*TEXT, *TREES.get(format_, ())],
             partial(run_facts, format_),
         )
         for format_ in FORMATS
