@@ -1,4 +1,4 @@
-"""Files of knowledge that need no database: point clouds, RDF, and records to interlink."""
+"""Files of knowledge: point clouds, RDF, and records to interlink."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ import rdflib
 import trimesh
 
 from semmap.database.files import schema_folder
-from semmap.interlinking.data_set_file import read_csv_records, read_rdf_records
-from semmap.interlinking.link_file import read_alignment, read_labels
+from semmap.interlinking.records import Records
 from semmap.knowledge.whole_graph import without_warnings
 from tests.belief.test_teaching import MAP_XML, lesson
 from tests.fuzz.kind import Kind
@@ -96,14 +95,17 @@ def run_facts(format_: str, data: bytes, folder: Path) -> None:
         loft().import_rdf(path)
 
 
+PEOPLE = person1(n=6)
+
+
 def records(ending: str) -> Iterator[bytes]:
-    data = person1(n=6).left
+    data = PEOPLE.left
     if ending == ".csv":
         lines = [",".join(["id", *data.properties])]
         for key, *values in zip(data.keys, *data.properties.values(), strict=True):
             lines.append(",".join([key, *(";".join(value) for value in values)]))
         yield "\n".join(lines).encode()
-        yield b'id,name\n1,"a, b"\n2,\n'
+        yield f'id,name\n{min(PEOPLE.links)[0]},"a, b"\n2,\n'.encode()
     else:
         yield rdf_xml(data, "Person").encode()
 
@@ -111,13 +113,19 @@ def records(ending: str) -> Iterator[bytes]:
 def run_records(ending: str, data: bytes, folder: Path) -> None:
     path = folder / f"case{ending}"
     path.write_bytes(data)
-    (read_csv_records if ending == ".csv" else read_rdf_records)(path)
+    interlink(path, {min(PEOPLE.links): True})
 
 
 def run_links(ending: str, data: bytes, folder: Path) -> None:
     path = folder / f"case{ending}"
     path.write_bytes(data)
-    (read_labels if ending == ".csv" else read_alignment)(path)
+    interlink(PEOPLE.left, path)
+
+
+def interlink(left: Path | Records, labels: Path | dict[tuple[str, str], bool]) -> None:
+    with undone(loft().database.session):
+        loft().database.interlink(left, PEOPLE.right, labels)
+        loft().database.merged_records(loft().database.list_link_sets()[0]["id"])
 
 
 def run_teaching(ending: str, data: bytes, folder: Path) -> None:
@@ -154,7 +162,7 @@ def run_shapes(data: bytes, folder: Path) -> None:
 
 TEXT = [words_of, words_of, bytes_of, lines_of]
 TREES = {"json-ld": (json_tree, json_tree), "xml": (xml_tree, xml_tree)}
-LINKS = b"left,right,same\na,b,yes\nc,d,no\n"
+LINKS = "left,right,same\n" + "".join(f"{a},{b},yes\n" for a, b in sorted(PEOPLE.links)[:3])
 
 KNOWLEDGE_FILE_KINDS = [
     *(
@@ -202,10 +210,10 @@ KNOWLEDGE_FILE_KINDS = [
         TEXT,
         run_shapes,
     ),
-    Kind("links csv", lambda: [LINKS], TEXT, partial(run_links, ".csv")),
+    Kind("links csv", lambda: [LINKS.encode()], TEXT, partial(run_links, ".csv")),
     Kind(
         "links rdf",
-        lambda: [alignment_xml({("a", "b"), ("c", "d")}).encode()],
+        lambda: [alignment_xml({*sorted(PEOPLE.links)[:2]}).encode()],
         [*TEXT, xml_tree, xml_tree],
         partial(run_links, ".rdf"),
     ),
