@@ -47,6 +47,19 @@ EXCEPTION WHEN lock_not_available THEN
     RETURN 0;
 END $$;
 
+CREATE FUNCTION stated_shape(written text)
+RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- The geometry of a term of WKT for topological relations; null where it has none, or an invalid one.
+DECLARE
+    shape geometry := semmap.text_geometry(written, 'http://www.opengis.net/ont/geosparql#wktLiteral');
+BEGIN
+    RETURN CASE WHEN ST_IsValid(shape) THEN shape END;
+EXCEPTION WHEN OTHERS THEN  -- a type that GEOS does not know
+    RETURN NULL;
+END $$;
+
+CREATE INDEX term_shape ON term USING gist (stated_shape(text)) WHERE tag = 'http://www.opengis.net/ont/geosparql#wktLiteral';
+
 CREATE VIEW statement WITH (security_invoker = true) AS
     SELECT t.id, t.map_id, coalesce(g.text, '') AS graph,          -- IRI; empty: the default graph
            t.subject_id,                                           -- an entity of the map,

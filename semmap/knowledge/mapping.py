@@ -7,6 +7,7 @@ relations that SQL functions decide when a query names them. To move one is to m
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 
 from semmap.knowledge.manipulation_triples import MANIPULATION_NODES, MANIPULATION_TRIPLES
 from semmap.knowledge.triple_map import (
@@ -18,6 +19,7 @@ from semmap.knowledge.triple_map import (
     Value,
     columns_of,
     constant,
+    letters_from,
 )
 from semmap.knowledge.vocabulary import (
     GEO,
@@ -414,27 +416,89 @@ TOPOLOGICAL: dict[str, str] = _SF | {name: _by_pattern(*rule) for name, rule in 
 """The topological relations of GeoSPARQL: SQL conditions of two geometries."""
 
 
-def _rewritten() -> Iterator[TripleMap]:
-    """Yield the topological relations of features and geometries (GeoSPARQL 1.1, section 12)."""
-    for name, condition in TOPOLOGICAL.items():
-        source = TripleTables(
-            ("world", "world"),
+AS_WKT = f"{GEO}asWKT"
+SHAPE_PROPERTIES = (AS_WKT, f"{GEO}hasGeometry", f"{GEO}hasDefaultGeometry")
+"""What states the geometries of foreign features and geometries."""
+
+_End = tuple[TripleTables, Value, str]  # rows, their terms, and the SQL of their geometries
+
+_MAP_ENDS: tuple[_End, ...] = tuple(
+    (
+        TripleTables(("world",), ("{a}.footprint IS NOT NULL",)),
+        Value(form, "{a}.entity_id"),
+        "{a}.footprint",
+    )
+    for form in ("entity", "footprint")
+)
+
+
+def _lasts(statement: str) -> str:
+    return _LASTS.replace("{a}", statement)
+
+
+def _serialized(geometry: str, term: str) -> tuple[str, ...]:
+    """Return the conditions of a statement of a geometry's WKT, and of its term."""
+    return (
+        f"{{{geometry}}}.predicate = term_id('{AS_WKT}')",
+        _lasts(f"{{{geometry}}}"),
+        f"{{{term}}}.id = {{{geometry}}}.object",
+        f"{{{term}}}.tag = '{DATATYPES['geometry']}'",
+    )
+
+
+_DEFAULT = f"term_id('{GEO}hasDefaultGeometry')"
+_STATED_ENDS: tuple[_End, ...] = (
+    (
+        TripleTables(("triple", "term"), _serialized("a", "b")),
+        Value("resource", "{a}.subject"),
+        "stated_shape({b}.text)",
+    ),
+    (
+        TripleTables(
+            ("triple", "triple", "term"),
             (
-                "{a}.footprint IS NOT NULL",
-                "{b}.footprint IS NOT NULL",
+                f"{{a}}.predicate = ANY (ARRAY[{_DEFAULT}, term_id('{GEO}hasGeometry')])",
+                f"({{a}}.predicate = {_DEFAULT} OR NOT EXISTS (SELECT FROM triple d "
+                "WHERE d.map_id = {a}.map_id AND d.graph = {a}.graph "
+                f"AND d.subject = {{a}}.subject AND d.predicate = {_DEFAULT} "
+                f"AND {_lasts('d')}))",
+                _LASTS,
                 "{b}.map_id = {a}.map_id",
-                condition.replace("{a}", "{a}.footprint").replace("{b}", "{b}.footprint"),
+                "{b}.subject = {a}.object",
+                *_serialized("b", "c"),
             ),
-            "{a}.map_id",
+        ),
+        Value("resource", "{a}.subject"),
+        "stated_shape({c}.text)",
+    ),
+)
+"""Geometries, and features with a default geometry, or else any."""
+
+
+def _rewritten(*pairs: tuple[_End, _End]) -> Iterator[TripleMap]:
+    """Yield the topological relations of features and geometries (GeoSPARQL 1.1, section 12)."""
+    for (name, condition), (a, b) in product(TOPOLOGICAL.items(), pairs):
+        letters = letters_from(len(a[0].tables))
+        where = (
+            *a[0].where,
+            *(each.format(**letters) for each in b[0].where),
+            f"{letters['a']}.map_id = {{a}}.map_id",
+            condition.format(a=a[2], b=b[2].format(**letters)),
         )
-        for form in ("entity", "footprint"):
-            for to in ("entity", "footprint"):
-                ends = Value(form, "{a}.entity_id"), Value(to, "{b}.entity_id")
-                yield TripleMap(f"{GEO}{name}", source, *ends)
+        source = TripleTables((*a[0].tables, *b[0].tables), where, "{a}.map_id")
+        yield TripleMap(f"{GEO}{name}", source, a[1], b[1].placed(letters))
 
 
-REWRITTEN: tuple[TripleMap, ...] = tuple(_rewritten())
+REWRITTEN: tuple[TripleMap, ...] = tuple(_rewritten(*product(_MAP_ENDS, _MAP_ENDS)))
 """Relations that follow from geometry: answered where a query names them, not written as facts."""
+
+REWRITTEN_IN_GRAPHS: tuple[TripleMap, ...] = tuple(_rewritten(*product(_STATED_ENDS, _STATED_ENDS)))
+"""The same of foreign features and geometries, as statements of a graph have them."""
+
+REWRITTEN_OF_BOTH: tuple[TripleMap, ...] = tuple(
+    _rewritten(*product(_MAP_ENDS, _STATED_ENDS), *product(_STATED_ENDS, _MAP_ENDS))
+)
+"""The same between the map's entities and foreign ones."""
 
 
 def _between(name: str, relation: str, listed: str | None, converse: str | None) -> Computed:

@@ -34,7 +34,7 @@ class Node:
 
 @dataclass(frozen=True)
 class Value:
-    """A term in SQL; in a triple map, {a}, {b} and {c} stand for the tables of its source."""
+    """A term in SQL; in a triple map, {a}, {b} ... stand for the tables of its source."""
 
     form: Form
     sql: str  # its value, key, IRI or text; null where it is not bound
@@ -59,7 +59,7 @@ class Value:
 
 @dataclass(frozen=True)
 class TripleTables:
-    """Tables, or functions of tables before them, which columns call {a}, {b} and {c}."""
+    """Tables, or functions of tables before them, which columns call {a}, {b} ..."""
 
     tables: tuple[str, ...]
     where: tuple[str, ...] = ()  # conditions
@@ -105,7 +105,13 @@ class TripleMap:
         return tables, where
 
 
-OWN_LETTERS = {letter: letter for letter in "abc"}
+LETTERS = "abcdef"
+OWN_LETTERS = {letter: letter for letter in LETTERS}
+
+
+def letters_from(first: int) -> dict[str, str]:
+    """Return other letters for those of tables that follow others."""
+    return {a: f"{{{b}}}" for a, b in zip(LETTERS, LETTERS[first:], strict=False)}
 
 
 @dataclass(frozen=True)

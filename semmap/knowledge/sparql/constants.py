@@ -10,13 +10,22 @@ from typing import Any
 import psycopg
 import rdflib
 
-from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, is_mapped
+from semmap.knowledge.mapping import (
+    AS_WKT,
+    COMPUTED,
+    NODES,
+    REWRITTEN,
+    SHAPE_PROPERTIES,
+    TRIPLES,
+    is_mapped,
+)
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, RDF, SEMMAP, TYPE, XSD, decode, encode
 from semmap.language.syntax_tree import nodes_in
 from semmap.snake_case import local_name, namespace_of, snake_case
 
 _OWN = {t.property for t in TRIPLES} | {c.property for c in COMPUTED}
+_REWRITTEN = {t.property for t in REWRITTEN}
 _KEY = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")
 
 _VOXEL = re.compile(r"-?[0-9]{1,7}(,-?[0-9]{1,7}){2}")
@@ -135,7 +144,7 @@ class Lookup:
             "names": sorted(self._names),
             "iris": sorted(self._iris),
             "types": sorted(self._types),
-            "properties": [each for each in properties if not is_mapped(each)],
+            "properties": [p for p in properties if p == AS_WKT or not is_mapped(p)],
             "mapped": [each for each in properties if is_mapped(each)],
         }
         resources = self._iris.union(properties)
@@ -218,8 +227,12 @@ def _node_of_map(part: str) -> tuple[Form, str | None]:
 
 
 def iris_in(tree: Any) -> Iterator[str]:
-    """Yield the IRIs of a part of the algebra."""
-    return (str(each) for each in nodes_in(tree) if isinstance(each, rdflib.URIRef))
+    """Yield the IRIs of a part of the algebra, and the properties that decide relations of them."""
+    for each in nodes_in(tree):
+        if isinstance(each, rdflib.URIRef):
+            yield str(each)
+            if str(each) in _REWRITTEN:
+                yield from SHAPE_PROPERTIES
 
 
 def literals_in(tree: Any) -> Iterator[tuple[str, str]]:

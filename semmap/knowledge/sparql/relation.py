@@ -129,19 +129,21 @@ SQL_TYPES: Mapping[Form, str] = {
 """The SQL type of each form; others are bigint."""
 
 
-def union(parts: list[Rows], parameters: Parameters, namespace: str) -> Rows:
+def union(
+    parts: list[Rows], parameters: Parameters, namespace: str, *, distinct: bool = False
+) -> Rows:
     """Return the solutions of all parts as one subquery."""
     names = list(dict.fromkeys(name for part in parts for name in part.variables))
     forms = {n: union_form(part.variables.get(n) for part in parts) for n in names}
     selects = []
     for part in parts:
         values = [in_form(part.variables.get(n, UNBOUND), forms[n], namespace) for n in names]
-        selects.append(part.select(_cast(value) for value in values))
+        selects.append(part.select(map(_cast, values), distinct=distinct))
     alias = parameters.alias("u")
     shown = {n: Value(forms[n], "", "" if forms[n] == "term" else None) for n in names}
     nullable = {n for n in names for p in parts if n in p.nullable or n not in p.variables}
     return Rows(
-        [f"LATERAL ({' UNION ALL '.join(selects)}) {alias}"],
+        [f"LATERAL ({(' UNION ' if distinct else ' UNION ALL ').join(selects)}) {alias}"],
         variables=renamed(shown, alias),
         nullable=nullable,
     )

@@ -21,7 +21,7 @@ from semmap.knowledge.sparql.values import (
     same,
     text_of,
 )
-from semmap.knowledge.triple_map import Form, TripleMap, Value
+from semmap.knowledge.triple_map import LETTERS, Form, TripleMap, Value
 from semmap.knowledge.vocabulary import decode
 
 _IN_NO_EARLIER = (
@@ -91,7 +91,7 @@ class TripleMatch:
         """Return rows of a triple map that match; patterns share tables keyed by their subject."""
         letters: dict[str, str] = {}
         rows, source = Rows(), triple.source
-        for letter, table in zip("abc", source.tables, strict=False):
+        for letter, table in zip(LETTERS, source.tables, strict=False):
             key = None
             if not letters and source.key == triple.subject.sql:
                 side = pattern.subject
@@ -121,9 +121,10 @@ class TripleMatch:
         self._match_verb(rows, pattern, triple, letters)
         if triple.property and triple.name == "{b}.key" and isinstance(pattern.object, Value):
             self._use_index_of_properties(rows, pattern, letters)
-        if triple in STATEMENTS:
-            self._match_graph(rows, letters["a"], self._graph)
-        elif triple in INFERENCES and isinstance(self._graph, str):
+        for letter, table in zip(letters, source.tables, strict=True):
+            if table == "triple":
+                self._match_graph(rows, letters[letter], self._graph)
+        if triple in INFERENCES and isinstance(self._graph, str):
             graph = Value("iri", f"'{INFERRED_GRAPH}'::text")
             rows.bind(self._graph, graph, self.namespace)
         rows.where = list(dict.fromkeys(rows.where))

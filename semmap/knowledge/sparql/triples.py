@@ -10,11 +10,14 @@ from rdflib.paths import AlternativePath, InvPath, MulPath, NegatedPath, Sequenc
 
 from semmap.knowledge.fields.properties import is_of_fields, is_of_voxels
 from semmap.knowledge.mapping import (
+    AS_WKT,
     COMPUTED,
     INFERENCES,
     INFERRED_GRAPH,
     NODES,
     REWRITTEN,
+    REWRITTEN_IN_GRAPHS,
+    REWRITTEN_OF_BOTH,
     STATEMENTS,
     TRIPLES,
     is_mapped,
@@ -30,6 +33,7 @@ from semmap.knowledge.vocabulary import RDF
 
 _RDF_TYPE = f"{RDF}type"
 _COMPUTED = {each.property: each for each in COMPUTED}
+_REWRITTEN_STATED = frozenset((*REWRITTEN_IN_GRAPHS, *REWRITTEN_OF_BOTH))
 
 
 class TriplePatterns(PropertyPaths):
@@ -157,6 +161,8 @@ class TriplePatterns(PropertyPaths):
         if not self._is_map(scope):
             if not _is_inferred_graph(scope.graph):
                 yield from STATEMENTS
+                if isinstance(verb, Value) and self.constants.is_stated(AS_WKT):
+                    yield from _of_property(REWRITTEN_IN_GRAPHS, verb)
             if self._reads_inferences(scope):
                 yield from self._inferences(verb)
             return
@@ -170,6 +176,8 @@ class TriplePatterns(PropertyPaths):
             if triple.property == iri if triple.name is None else iri.startswith(triple.property):
                 yield triple
         known = self.constants
+        if known.is_foreign(AS_WKT):
+            yield from _of_property((*REWRITTEN_IN_GRAPHS, *REWRITTEN_OF_BOTH), verb)
         if known.is_foreign(iri) if is_mapped(iri) else known.is_stated(iri):
             yield from STATEMENTS
 
@@ -217,7 +225,9 @@ class TriplePatterns(PropertyPaths):
             if len(p.maps) == 1 and p.maps[0].source.one_map
         ]
         for pattern in sorted(patterns, key=lambda p: len(p.maps) != 1):
-            if len(pattern.maps) == 1:
+            # A relation may be stated, too, and follow from several geometries.
+            distinct = any(triple in _REWRITTEN_STATED for triple in pattern.maps)
+            if len(pattern.maps) == 1 and not distinct:
                 (triple,) = pattern.maps
                 found = self._match(pattern, triple, aliases)
                 name = pattern.subject
@@ -244,7 +254,8 @@ class TriplePatterns(PropertyPaths):
                         if isinstance(name, str) and name in scope.given
                     ]
                     parts.append(part)
-                rows.join(union(parts, self.parameters, self.namespace), self.namespace)
+                found = union(parts, self.parameters, self.namespace, distinct=distinct)
+                rows.join(found, self.namespace)
             else:
                 for name in (pattern.subject, pattern.predicate, pattern.object):
                     if isinstance(name, str):
@@ -366,6 +377,10 @@ def _use_keys(part: Rows, known: Mapping[str, Value]) -> None:
         node = NODES.get(form)
         if value.form == "iri" and node is not None and node.prefix and not node.of_map:
             part.variables[name] = key_of(value, form)
+
+
+def _of_property(maps: Iterable[TripleMap], verb: Value) -> Iterable[TripleMap]:
+    return (triple for triple in maps if verb.constant == (triple.property, "I"))
 
 
 def _is_inferred_graph(graph: Part | None) -> bool:

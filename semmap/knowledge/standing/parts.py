@@ -33,7 +33,7 @@ from semmap.knowledge.sparql.kept_queries import Row
 from semmap.knowledge.sparql.stored_terms import Term
 from semmap.knowledge.sparql.triple_match import MatchedPattern
 from semmap.knowledge.sparql.triples import prune
-from semmap.knowledge.triple_map import Computed, Form, TripleMap
+from semmap.knowledge.triple_map import LETTERS, Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import GEO, SEMMAP
 from semmap.language.expression_checker import conjuncts
 from semmap.language.syntax_tree import nodes_in
@@ -427,7 +427,7 @@ def _keys(triple: TripleMap) -> Iterator[tuple[int, Form]]:
     if triple.source.tables[0] in _STATIC:
         return
     sides = []
-    for letter, table in zip("abc", triple.source.tables, strict=False):
+    for letter, table in zip(LETTERS, triple.source.tables, strict=False):
         key = _KEYS.get(table)
         if key is None and "(" not in table:
             raise WholeError

@@ -395,6 +395,33 @@ def test_facts_about_foreign_resources_are_events(module_engine: Engine) -> None
                 made.check([PREFIX + change if "{" in change else change])
 
 
+SHAPES = (
+    "INSERT DATA { ex:lawn geo:hasGeometry ex:g . ex:g geo:asWKT 'POLYGON((0 0, 4 0, 4 4, 0 0))'"
+    "^^geo:wktLiteral }",
+    "SELECT move_to(entity_id('bench'), 7, 2, 0)",
+    "SELECT move_to(entity_id('bench'), 3, 1, 0)",
+    "INSERT DATA { GRAPH ex:plan { ex:p geo:asWKT 'POINT(1 1)'^^geo:wktLiteral } }",
+    "DELETE DATA { ex:lawn geo:hasGeometry ex:g }",
+    "DELETE WHERE { ?x geo:asWKT ?w }",
+)
+
+
+def test_relations_of_foreign_shapes_are_events(module_engine: Engine) -> None:
+    url = module_engine.url.render_as_string(hide_password=False)
+    with semmap.connect(url) as database:
+        made = Watched(
+            make_workshop(database, "shapes"),
+            (
+                "SELECT ?x ?y { ?x geo:sfIntersects ?y }",
+                "SELECT ?x { ?x geo:sfContains :bench }",
+                "SELECT ?g ?x { GRAPH ?g { ?x geo:sfEquals ?x } }",
+            ),
+        )
+        with made.standing:
+            for change in SHAPES:
+                made.check([PREFIX + change if "{" in change else change])
+
+
 def test_a_query_that_fails_ends_by_itself(workshop: Map) -> None:
     session = workshop.connection
     failing = PREFIX + "SELECT (COUNT(*) AS ?all) { ?x ex:like ?y FILTER(REGEX(STR(?y), '(')) }"
