@@ -247,7 +247,7 @@ class TriplePatterns(PropertyPaths):
                         self._add_anchor(part, part.variables[str(pattern.subject)])
                     _use_keys(part, rows.variables)
                     self._use_numbers(part, rows)
-                    self._correlate(part, rows)
+                    self._correlate(part, rows, by_number=distinct)
                     part.where += [
                         same(part.variables[name], scope.given[name], self.namespace)
                         for name in (pattern.subject, pattern.object)
@@ -277,13 +277,20 @@ class TriplePatterns(PropertyPaths):
             if numbered and value.form not in NUMBERED and name not in rows.nullable:
                 part.variables[name] = Value("stored", number_of(value, self.namespace))
 
-    def _correlate(self, part: Rows, rows: Rows) -> None:
-        """Limit a part of a union to keys that are known before it: then it uses its indexes."""
+    def _correlate(self, part: Rows, rows: Rows, *, by_number: bool) -> None:
+        """Limit a part of a union to keys that are known before it: then it uses its indexes.
+
+        By the number of one end: by both, it would be read for each pair of these.
+        """
         for name, value in part.variables.items():
             known = rows.variables.get(name)
             is_node = known is not None and known.form in NODES and known.form == value.form
+            if by_number and known is not None:
+                is_node |= known.form in NUMBERED and value.form in NUMBERED
             if known is not None and is_node and name not in rows.nullable:
                 part.where.append(same(value, known, self.namespace))
+                if by_number:
+                    break
 
     def _add_anchor(self, rows: Rows, value: Value) -> None:
         """Limit an entity, or a node that belongs to one, to the map."""

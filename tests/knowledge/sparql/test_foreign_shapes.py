@@ -155,6 +155,9 @@ def test_an_index_answers_the_relations(yard: Map, pattern: str) -> None:
         before = session.execute(scans).fetchone()
         assert (f"{EX}p101",) in pairs(yard, pattern)
         assert session.execute(scans).fetchone() > before
+        joined = "?x semmap:name 'crate11' . ?y ex:in ex:town . ?y geo:sfWithin ?x"
+        update(session, f"PREFIX ex: <{EX}> INSERT DATA {{ ex:p101 ex:in ex:town }}")
+        assert [y for _, y in pairs(yard, joined)] == [f"{EX}p101"]
 
 
 def test_a_query_without_foreign_geometries_reads_no_statements(yard: Map) -> None:
