@@ -9,6 +9,8 @@ from collections import Counter, defaultdict
 from functools import partial
 from pathlib import Path
 
+import pyoxigraph
+from pyoxigraph import RdfFormat
 from rdflib import OWL, RDF, RDFS, BNode, Graph, Literal, URIRef
 from rdflib.term import Node
 
@@ -139,6 +141,11 @@ def _parse(path: Path) -> Graph:
     logging.getLogger("rdflib.term").setLevel(logging.ERROR)  # values that are not of their type
     try:
         format_ = FORMATS[path.suffix.lower()]
+        if format_ == "json-ld":  # rdflib would fetch a context from elsewhere
+            quads = pyoxigraph.parse(text, format=RdfFormat.JSON_LD, base_iri="file:///")
+            triples = (quad.triple for quad in quads)
+            text = (pyoxigraph.serialize(triples, format=RdfFormat.N_TRIPLES) or b"").decode()
+            format_ = "nt"
         return Graph().parse(io.BytesIO(text.encode()), format=format_, publicID="file:///")
     except Exception as error:  # rdflib's parsers raise anything, assertions too, on broken text
         raise InterlinkingError(

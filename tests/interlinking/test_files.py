@@ -57,6 +57,15 @@ def test_resources_that_refer_to_each_other_end(tmp_path) -> None:
     assert read.record(read.number["http://x/c"])["p"] == ("c",)
 
 
+def test_json_ld(tmp_path) -> None:
+    path = tmp_path / "a.jsonld"
+    path.write_text(
+        '{"@context": {"p": "http://x/p"}, "@id": "http://x/a", "@type": "http://x/T", "p": "one"}'
+    )
+    read = read_rdf_records(path, "T")
+    assert read.record(read.number["http://x/a"])["p"] == ("one",)
+
+
 def test_csv(tmp_path) -> None:
     path = tmp_path / "a.csv"
     path.write_text('name,id,size\n"cup, red",1,\nbowl,2,0.2\n')
@@ -98,6 +107,7 @@ def test_links_are_turtle() -> None:
         ("a.ttl", b"this is not turtle", "is not RDF in the format"),
         ("a.rdf", b"<rdf", "is not RDF in the format"),
         ("a.ttl", b"", "describes no resource"),
+        ("a.jsonld", b'{"@context": "http://127.0.0.1:9/x", "p": 1}', "LoadDocumentCallback"),
         ("align.xml", b"<a/>", "has no <Cell>"),
         ("align.xml", b"<a><Cell><entity1/></Cell></a>", "cell 1: has the entities"),
         ("align.xml", b"<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>", "DOCTYPE"),
