@@ -62,6 +62,7 @@ def test_errors_have_one_base() -> None:
 
 SIGNALS = {
     "EndOfPercepts",
+    "ProcessEnded",
     "PrunedError",
     "Refused",
     "ServerError",
