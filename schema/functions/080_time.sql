@@ -126,7 +126,7 @@ BEGIN
     PERFORM semmap.prune_observations(1000);
     IF (SELECT t.reltuples > 1000 + 2 * s.reltuples FROM pg_class t, pg_class s
         WHERE t.oid = 'semmap.term'::regclass AND s.oid = 'semmap.triple'::regclass) THEN
-        PERFORM semmap.prune_terms(5000);
+        PERFORM semmap.prune_terms();
     END IF;
     FOR ended IN
         SELECT h.entity_id FROM semmap.entity_history h JOIN semmap.retention r ON r.kind = h.kind

@@ -27,20 +27,18 @@ BEGIN
     RETURN found;
 END $$;
 
-CREATE FUNCTION prune_terms(most bigint DEFAULT NULL)
+CREATE FUNCTION prune_terms()
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Deletes terms that no statement has any more, at most so many (all if null); returns how many. None while another
--- transaction states or takes back facts, which may use them.
+-- Deletes terms that no statement has any more; returns how many. None while another transaction states or takes back
+-- facts, which may use them. It takes time by the number of terms and statements, whatever the planner knows of them.
 DECLARE
     gone bigint;
 BEGIN
     LOCK TABLE semmap.term IN EXCLUSIVE MODE NOWAIT;
     DELETE FROM semmap.term t WHERE t.id IN (
-        SELECT u.id FROM semmap.term u WHERE NOT EXISTS (SELECT FROM semmap.triple s WHERE s.subject = u.id)
-            AND NOT EXISTS (SELECT FROM semmap.triple s WHERE s.object = u.id)
-            AND NOT EXISTS (SELECT FROM semmap.map m JOIN semmap.triple s ON s.map_id = m.id AND s.predicate = u.id)
-            AND NOT EXISTS (SELECT FROM semmap.map m JOIN semmap.triple s ON s.map_id = m.id AND s.graph = u.id AND s.graph <> 0)
-        LIMIT most);
+        SELECT u.id FROM semmap.term u
+        EXCEPT (SELECT s.subject FROM semmap.triple s UNION ALL SELECT s.predicate FROM semmap.triple s
+                UNION ALL SELECT s.object FROM semmap.triple s UNION ALL SELECT s.graph FROM semmap.triple s));
     GET DIAGNOSTICS gone = ROW_COUNT;
     RETURN gone;
 EXCEPTION WHEN lock_not_available THEN
