@@ -386,15 +386,6 @@ FOREIGN = (
 )
 
 
-def test_facts_about_foreign_resources_are_events(module_engine: Engine) -> None:
-    url = module_engine.url.render_as_string(hide_password=False)
-    with semmap.connect(url) as database:
-        made = Watched(make_workshop(database, "another"), LOCAL + WHOLE)
-        with made.standing:
-            for change in FOREIGN:
-                made.check([PREFIX + change if "{" in change else change])
-
-
 SHAPES = (
     "INSERT DATA { ex:lawn geo:hasGeometry ex:g . ex:g geo:asWKT 'POLYGON((0 0, 4 0, 4 4, 0 0))'"
     "^^geo:wktLiteral }",
@@ -406,19 +397,25 @@ SHAPES = (
 )
 
 
-def test_relations_of_foreign_shapes_are_events(module_engine: Engine) -> None:
+RELATED = (
+    "SELECT ?x ?y { ?x geo:sfIntersects ?y }",
+    "SELECT ?x { ?x geo:sfContains :bench }",
+    "SELECT ?g ?x { GRAPH ?g { ?x geo:sfEquals ?x } }",
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "queries", "changes"),
+    [("another", LOCAL + WHOLE, FOREIGN), ("shapes", RELATED, SHAPES)],
+)
+def test_facts_about_foreign_resources_are_events(
+    module_engine: Engine, name: str, queries: tuple[str, ...], changes: tuple[str, ...]
+) -> None:
     url = module_engine.url.render_as_string(hide_password=False)
     with semmap.connect(url) as database:
-        made = Watched(
-            make_workshop(database, "shapes"),
-            (
-                "SELECT ?x ?y { ?x geo:sfIntersects ?y }",
-                "SELECT ?x { ?x geo:sfContains :bench }",
-                "SELECT ?g ?x { GRAPH ?g { ?x geo:sfEquals ?x } }",
-            ),
-        )
+        made = Watched(make_workshop(database, name), queries)
         with made.standing:
-            for change in SHAPES:
+            for change in changes:
                 made.check([PREFIX + change if "{" in change else change])
 
 
