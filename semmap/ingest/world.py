@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from itertools import chain, count
 from pathlib import Path
 from typing import Any, Literal
 
@@ -188,10 +188,16 @@ class World:
 
 
 def unique_name(name: str, taken: Container[str]) -> str:
-    """Return `name`, with the first free suffix `_2`, `_3`, ... if it is taken.
+    """Return `name`, with a free suffix `_2`, `_3`, ... if it is taken: the first but for gaps.
 
     >>> unique_name("chair", {"chair", "chair_2"})
     'chair_3'
     """
-    suffixed = (f"{name}_{number}" for number in count(2))
-    return next(free for free in chain([name], suffixed) if free not in taken)
+    if name not in taken:
+        return name
+    high = 2
+    while f"{name}_{high}" in taken:
+        high *= 2
+    numbers = range(high // 2 + 1, high)
+    first = bisect_left(numbers, True, key=lambda number: f"{name}_{number}" not in taken)
+    return f"{name}_{numbers[first] if first < len(numbers) else high}"

@@ -244,10 +244,13 @@ def sdf_itself(folder: Path, size: int) -> Path:
 
 
 def sdf_doubling(folder: Path, size: int) -> Path:
-    for i in range(levels(size)):
+    last = levels(size)
+    box = "<visual name='v'><geometry><box><size>1 1 1</size></box></geometry></visual>"
+    for i in range(last + 1):
         two = "".join(
             f"<include><uri>model://m{i + 1}</uri><name>{side}</name></include>" for side in "ab"
         )
+        two = two if i < last else f"<link name='l'>{box}</link>"
         (folder / f"m{i}").mkdir()
         text = f'<sdf version="1.9"><model name="m">{two}</model></sdf>'
         (folder / f"m{i}" / "model.sdf").write_text(text)
@@ -264,7 +267,8 @@ def gpkg_view(folder: Path, size: int) -> Path:
         (name,) = file.execute("SELECT table_name FROM gpkg_contents LIMIT 1").fetchone()
         columns = ", ".join(row[1] for row in file.execute(f'PRAGMA table_info("{name}")'))
         file.executescript(
-            f"""ALTER TABLE "{name}" RENAME TO old; CREATE VIEW "{name}" AS
+            f"""DELETE FROM gpkg_ogr_contents;  -- rows that the file states
+            ALTER TABLE "{name}" RENAME TO old; CREATE VIEW "{name}" AS
             WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n
             WHERE i < {size * 1000}) SELECT {columns} FROM old, n"""
         )

@@ -439,6 +439,16 @@ def _read_metadata(path: Path, out: FeatureFile) -> None:
         _read_georeference(json.loads(about["georeference"]), out)
 
 
+_LAYERS = """
+SELECT c.table_name FROM gpkg_contents c JOIN sqlite_master m ON lower(m.name) = lower(c.table_name)
+"""
+_COMPUTED = """
+SELECT m.name FROM sqlite_master m WHERE m.type = 'view'
+UNION SELECT m.name FROM sqlite_master m, pragma_table_xinfo(m.name) c WHERE c.hidden > 1
+"""
+"""The views, and the tables with columns that are calculated: a small file would unfold to much."""
+
+
 def _check_sqlite(path: Path) -> None:
     """Refuse a damaged file: GDAL would read a part of it."""
     if not path.is_file():
@@ -449,11 +459,24 @@ def _check_sqlite(path: Path) -> None:
     try:
         with contextlib.closing(sqlite3.connect(address, uri=True)) as database:
             found = database.execute("PRAGMA quick_check(1)").fetchone()[0]
-            database.execute("SELECT count(*) FROM gpkg_contents").fetchone()
+            _refuse_computed(database, path, ["gpkg_contents"])
+            layers = [str(name) for (name,) in database.execute(_LAYERS)]
+            _refuse_computed(database, path, layers)
+            quoted = (layer.replace('"', '""') for layer in layers)
+            rows = (database.execute(f'SELECT count(*) FROM "{q}"').fetchone()[0] for q in quoted)
+            ELEMENTS.check(sum(rows), refused, "Split it into several files.")
     except sqlite3.Error as error:
         raise _not_a_geopackage(path, error) from error
     if found != "ok":
         raise _not_a_geopackage(path, found)
+
+
+def _refuse_computed(database: sqlite3.Connection, path: Path, layers: Iterable[str]) -> None:
+    computed = {str(name).lower() for (name,) in database.execute(_COMPUTED)}
+    for layer in layers:
+        if layer.lower() in computed:
+            problem = f"the table {layer} is computed by a query"
+            raise WorldError(path, "database", problem, "Export it as a table of values.")
 
 
 def _not_a_geopackage(path: Path, problem: object) -> WorldError:

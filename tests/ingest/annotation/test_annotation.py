@@ -3,6 +3,7 @@
 import contextlib
 import json
 import math
+import sqlite3
 import string
 from collections.abc import Callable
 from itertools import pairwise
@@ -719,6 +720,30 @@ def test_a_geopackage_gives_the_same_world_as_geojson(geopackage: Path) -> None:
         )
         assert twin.pose == entry.pose
         assert [s.mesh.digest() for s in twin.shapes] == [s.mesh.digest() for s in entry.shapes]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        'ALTER TABLE "{0}" RENAME TO old; CREATE VIEW "{0}" AS SELECT * FROM old',
+        'ALTER TABLE "{0}" ADD COLUMN more AS (zeroblob(1000000000))',
+        "ALTER TABLE gpkg_contents RENAME TO old; CREATE VIEW gpkg_contents AS SELECT * FROM old",
+    ],
+)
+def test_a_geopackage_computes_nothing(geopackage: Path, change: str) -> None:
+    with contextlib.closing(sqlite3.connect(geopackage)) as database:
+        (layer,) = database.execute("SELECT table_name FROM gpkg_contents").fetchone()
+        database.executescript("PRAGMA legacy_alter_table = ON;" + change.format(layer))
+    with pytest.raises(WorldError, match="computed by a query"):
+        read_annotation(geopackage)
+
+
+def test_a_geopackage_has_as_many_features_as_are_read(
+    geopackage: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SEMMAP_MAX_ELEMENTS", "5")
+    with pytest.raises(WorldError, match="the limit is 5"):
+        read_annotation(geopackage)
 
 
 def test_the_crs_and_styles_of_a_geopackage_are_not_features(geopackage: Path) -> None:
