@@ -9,6 +9,7 @@ from tests.fuzz.kind import Kind
 from tests.fuzz.knowledge_files import KNOWLEDGE_FILE_KINDS
 from tests.fuzz.languages import LANGUAGE_KINDS
 from tests.fuzz.native import NATIVE_KINDS
+from tests.fuzz.requests import REQUEST_KINDS
 from tests.fuzz.stored_knowledge import STORED_KINDS
 
 _ALL = (
@@ -18,6 +19,7 @@ _ALL = (
     *STORED_KINDS,
     *ANSWER_KINDS,
     *BOMB_KINDS,
+    *REQUEST_KINDS,
     *NATIVE_KINDS,
 )
 KINDS: dict[str, Kind] = {kind.name: kind for kind in _ALL}

@@ -31,6 +31,9 @@ from tests.manipulation.cup_map import candidate, primitive
 from tests.manipulation.grippers import BY_HAND
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
+ENDPOINT = "endpoint"
+"""The map that requests over HTTP change."""
+
 KEY = SigningKey(bytes(range(32)))
 
 
@@ -53,6 +56,8 @@ def served() -> Iterator[None]:
 def prepare(url: str) -> None:
     """Make a small map with statements, a gripper and what it learned."""
     with semmap.connect(url, migrate=True) as db:
+        asked = db.create_map(ENDPOINT)
+        asked.add_room("studio", [(0, 0), (5, 0), (5, 4), (0, 4)], floor=0, ceiling=3)
         loft = db.create_map("loft")
         loft.add_room("studio", [(0, 0), (5, 0), (5, 4), (0, 4)], floor=0, ceiling=3)
         loft.add_object("table", type="dining_table", size=(1.6, 0.9, 0.75), pose=(2, 2, 0))

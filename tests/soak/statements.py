@@ -7,12 +7,15 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import redirect_stderr
+from io import StringIO
 from pathlib import Path
 
 import httpx
 from sqlalchemy import Engine
 
 import semmap
+from semmap.cli import main
 from semmap.database import Cluster
 from tests.soak.for_ever import for_ever
 from tests.soak.invariants import STATED, last_line, url_of
@@ -48,13 +51,21 @@ def stater(cluster: Cluster, state: Path, map_name: str, entity: str) -> None:
 
 
 def http_server(cluster: Cluster, state: Path, port: str) -> None:
-    """Be `semmap serve`."""
+    """Be `semmap serve`; again where the database was killed before it served."""
     tokens = state / "tokens"
     tokens.touch(0o600)
     tokens.write_text(f"{TOKEN} semmap_robot\n")
-    command = [sys.executable, "-c", "from semmap.cli import main; main()", "serve"]
-    command += ["--port", port, "--tokens", str(tokens)]
-    os.execve(sys.executable, command, {**os.environ, "SEMMAP_DATA": str(cluster.home)})
+    os.environ["SEMMAP_DATA"] = str(cluster.home)
+    again = [sys.executable, *sys.orig_argv[1:]]
+    sys.argv = ["semmap", "serve", "--port", port, "--tokens", str(tokens)]
+    with redirect_stderr(StringIO()) as printed:
+        try:
+            main()
+        except SystemExit as ended:
+            sys.__stderr__.write(printed.getvalue())
+            if "http://" in printed.getvalue() or ended.code != 1:  # it served
+                raise
+    os.execv(sys.executable, again)
 
 
 def http_writer(cluster: Cluster, state: Path, map_name: str, entity: str, port: str) -> None:
