@@ -260,7 +260,8 @@ class Cluster:
         )
         file = read_pid_file(self.data)
         if done.returncode and file and file.pid in servers_in(self.data):  # else it just ended
-            raise DatabaseError(f"the embedded database does not stop: {done.stderr.strip()}")
+            problem = f"the embedded database does not stop: {done.stderr.strip()}"
+            raise DatabaseError(f"{problem}. It may still write: wait, and stop it again")
 
     def _configure(
         self, home: Folder, programs: Programs, owner: Account, socket_folder: Path

@@ -9,6 +9,7 @@ does a transform above a prim whose name says nothing.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -75,6 +76,7 @@ def read_usd(path: Path, *, geometry: Role = "visual") -> World:
 
 def _read(path: Path, geometry: Role) -> tuple[list[SceneNode], list[Skipped], bool]:
     """Return the objects of a stage, those left out, and whether it states its unit."""
+    os.environ["PXR_WORK_THREAD_LIMIT"] = "1"  # at damaged data, threads wait for ever
     try:
         from pxr import Tf, UsdGeom
     except ImportError as error:
