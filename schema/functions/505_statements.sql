@@ -8,23 +8,32 @@ SELECT t.id FROM term t WHERE md5(t.text)::uuid = md5(term_id.text)::uuid AND t.
 END;
 
 CREATE FUNCTION term_ids(texts text[], tags text[])
-RETURNS bigint[] LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
+RETURNS bigint[] LANGUAGE plpgsql SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_custom_plan AS $$
 -- The numbers of terms, in order; those that are not there are added. The insertion locks the table for `prune_terms`,
--- which waits for the end of this transaction, even where it adds none.
+-- which waits for the end of this transaction, even where it adds none. It is planned for the number of terms.
 DECLARE
     found bigint[];
 BEGIN
-    INSERT INTO semmap.term (text, tag)
-        SELECT DISTINCT g.text COLLATE "C", g.tag COLLATE "C" FROM unnest(texts, tags) g (text, tag)
-        WHERE NOT EXISTS (SELECT FROM semmap.term t WHERE md5(t.text)::uuid = md5(g.text)::uuid AND t.tag = g.tag)
-        ORDER BY 1, 2 ON CONFLICT DO NOTHING;
-    found := ARRAY(SELECT t.id FROM unnest(texts, tags) WITH ORDINALITY g (text, tag, n) LEFT JOIN semmap.term t
-                   ON md5(t.text)::uuid = md5(g.text)::uuid AND t.tag = g.tag AND t.text = g.text ORDER BY g.n);
-    IF array_position(found, NULL) IS NOT NULL THEN  -- another transaction added it, which this one does not see
-        RAISE EXCEPTION 'the term % was added at the same time', texts[array_position(found, NULL)]
-            USING ERRCODE = 'serialization_failure', HINT = 'Try again.';
-    END IF;
-    RETURN found;
+    FOR attempt IN 1..3 LOOP
+        BEGIN  -- without ON CONFLICT, which takes twice the time
+            WITH given AS MATERIALIZED (
+                SELECT g.text COLLATE "C" AS text, g.tag COLLATE "C" AS tag, g.n
+                FROM unnest(texts, tags) WITH ORDINALITY g (text, tag, n)),
+            known AS MATERIALIZED (
+                SELECT g.n, t.id FROM given g JOIN semmap.term t
+                ON md5(t.text)::uuid = md5(g.text)::uuid AND t.tag = g.tag AND t.text = g.text),
+            added AS (
+                INSERT INTO semmap.term (text, tag)
+                    SELECT DISTINCT g.text, g.tag FROM given g WHERE g.n NOT IN (SELECT k.n FROM known k) ORDER BY 1, 2
+                    RETURNING id, text, tag)
+            SELECT array_agg(coalesce(k.id, a.id) ORDER BY g.n) INTO found
+                FROM given g LEFT JOIN known k ON k.n = g.n LEFT JOIN added a ON k.n IS NULL AND a.text = g.text AND a.tag = g.tag;
+            RETURN found;
+        EXCEPTION WHEN unique_violation THEN  -- another transaction added one meanwhile
+        END;
+    END LOOP;
+    RAISE EXCEPTION 'terms of these statements were added at the same time'
+        USING ERRCODE = 'serialization_failure', HINT = 'Try again.';
 END $$;
 
 CREATE FUNCTION prune_terms()

@@ -14,6 +14,8 @@ from semmap.whole_file import write_whole
 if TYPE_CHECKING:
     import rdflib
 
+    Progress = Callable[[str, int, int], None]
+
     from semmap.api.live_events import LiveEvents
     from semmap.knowledge.answer import Answer
     from semmap.knowledge.client import KnowledgeClient
@@ -151,8 +153,12 @@ class MapKnowledge(MapReasoning):
         write_whole(path, serialized(graph, format_))
         return len(graph)
 
-    def import_rdf(self, path: str | Path) -> int:
+    def import_rdf(
+        self, path: str | Path, *, progress: Progress = lambda stage, done, total: None
+    ) -> int:
         """Add the facts of a file, all or none, and return how many were new.
+
+        `progress` is called with how many were read; the total is 0, as it is not known.
 
         Raises
         ------
@@ -160,10 +166,11 @@ class MapKnowledge(MapReasoning):
             The file cannot be read, is not of its format, or has a fact that the map does not
             allow; the ending is none of `export_rdf`.
         """
-        from semmap.knowledge.rdf_file import format_of, read_facts, store_facts
+        from semmap.knowledge.rdf_file import format_of, read_facts, reported, store_facts
 
         file = Path(path)
-        return store_facts(self.connection, read_facts(file, format_of(file)), file)
+        facts = reported(read_facts(file, format_of(file)), progress)
+        return store_facts(self.connection, facts, file)
 
     # --- programs that go on
 

@@ -13,7 +13,7 @@ from typer import Argument, Option
 
 from semmap.cli.operation_command import MethodCall, command_of, group
 from semmap.cli.options import Json
-from semmap.cli.output import print_json, show_rows, show_table
+from semmap.cli.output import StageBars, print_json, show_rows, show_table
 
 # rdflib and SQLAlchemy are slow to import: the functions below import what they use.
 if TYPE_CHECKING:
@@ -120,14 +120,17 @@ def _export(call: MethodCall) -> None:
         print(serialized(call.handle.graph(**call.values), "turtle"), end="")
 
 
-@command_of("Map.import_rdf", path=None)
+@command_of("Map.import_rdf", path=None, progress=None)
 def _import(
     call: MethodCall,
     files: list[Path] = Argument(help="Endings: .ttl, .jsonld, .trig, .nt, .nq, .rdf, .owl."),
     json_: Json = False,
 ) -> None:
     """Add the facts of RDF files to the map, each file as a whole or not at all."""
-    counts = [{"file": str(path), "added": call(path=path)} for path in files]
+    counts = []
+    for path in files:
+        with StageBars() as bars:
+            counts.append({"file": str(path), "added": call(path=path, progress=bars.report)})
     if json_:
         print_json(counts)
         return

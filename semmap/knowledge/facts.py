@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Set
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
-from functools import cache
+from functools import cache, cached_property, lru_cache
+from itertools import islice
+from select import select
 from typing import Any, NamedTuple
 
 import psycopg
 import rdflib
+from psycopg.pq import PipelineStatus
 
 from semmap.error import Error
 from semmap.knowledge.fields.properties import is_of_fields
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import COMPUTED, INFERRED_GRAPH, is_mapped
 from semmap.knowledge.reasoning.runs import refresh
-from semmap.knowledge.shacl import check_binding
+from semmap.knowledge.shacl import binding_shapes, check_binding
 from semmap.knowledge.sparql.constants import Constants, resolve, tag_and_text
 from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import (
     IRI,
+    KNOWLEDGE_CORE,
     PROPERTY,
     RDF,
     RDFS,
@@ -38,28 +42,41 @@ from semmap.query.refusal import denied
 
 SKOLEM = "urn:semmap:blank:"  # blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)
 
-_STATE = """
+_GIVEN = """
+WITH n AS MATERIALIZED (SELECT {} AS ids
+    FROM (SELECT ARRAY(SELECT json_array_elements_text(%s::json)) AS texts,
+                 ARRAY(SELECT json_array_elements_text(%s::json)) AS tags) given),
+s AS (SELECT CASE WHEN g < 0 THEN ids[-g::integer] ELSE g END AS graph,
+             CASE WHEN s < 0 THEN ids[-s::integer] ELSE s END AS subject,
+             CASE WHEN p < 0 THEN ids[-p::integer] ELSE p END AS predicate,
+             CASE WHEN o < 0 THEN ids[-o::integer] ELSE o END AS object
+      FROM n, unnest(%s::bigint[], %s::bigint[], %s::bigint[], %s::bigint[]) given (g, s, p, o))
+"""
+"""Statements: of entities the numbers, of terms the places in a list, counted by -1, -2, ..."""
+
+_STATE = (
+    _GIVEN.format("term_ids(texts, tags)")
+    + """
 INSERT INTO triple (graph, subject, predicate, object, map_id, until)
-SELECT s.*, %s::integer, %s::timestamptz
-FROM unnest(%s::bigint[], %s::bigint[], %s::bigint[], %s::bigint[]) s
+SELECT s.*, %s::integer, %s::timestamptz FROM s
 ON CONFLICT (map_id, predicate, subject, object, graph) DO UPDATE SET until = excluded.until,
     since = CASE WHEN triple.until > statement_timestamp() THEN triple.since ELSE excluded.since END
 WHERE triple.until < coalesce(excluded.until, 'infinity')
 """
-_TAKE_BACK = """
-DELETE FROM triple t USING unnest(%s::bigint[], %s::bigint[], %s::bigint[], %s::bigint[])
-    AS s (graph, subject, predicate, object)
-WHERE t.map_id = %s AND t.graph = s.graph AND t.subject = s.subject AND t.predicate = s.predicate
-AND t.object = s.object
-"""
-_ADDED = "SELECT term_ids(%s::text[], %s::text[])"
-_KNOWN = (
-    "SELECT array_agg(term_id(text, tag) ORDER BY n) "
-    "FROM unnest(%s::text[], %s::text[]) WITH ORDINALITY t (text, tag, n)"
 )
-"""The numbers of terms: of all, or null for one that no statement has."""
+_TAKE_BACK = (
+    _GIVEN.format(
+        "(SELECT array_agg(term_id(text, tag) ORDER BY n) "
+        "FROM unnest(texts, tags) WITH ORDINALITY t (text, tag, n))"
+    )
+    + """
+DELETE FROM triple t USING s WHERE t.map_id = %s AND t.graph = s.graph
+AND t.subject = s.subject AND t.predicate = s.predicate AND t.object = s.object
+"""
+)
 
-_BATCH = 10_000  # statements of one command
+_BATCH = 10_000  # facts that are looked up and stated at once
+_FEW = 500  # IRIs of which each is looked up; of more, those that may be the map's
 
 
 class Fact(NamedTuple):
@@ -86,14 +103,14 @@ class RefusedError(Error, ValueError):
         self.reason, self.fact = reason, fact
 
 
-def _refuse_unwritable(fact: Fact) -> None:
-    """Raise an error where files, or the database, cannot have a term of a fact."""
-    for term in (*fact, getattr(fact.object, "datatype", None)):
-        if isinstance(term, rdflib.URIRef) and not IRI.fullmatch(term):
-            raise RefusedError(f"{str(term)!r} is not an absolute IRI: correct it", fact)
-        if isinstance(term, rdflib.Literal) and (wrong := NO_CHARACTER.search(term)):
-            code = f"U+{ord(wrong[0]):04X}"
-            raise RefusedError(f"{code} is not a character: leave it out", fact)
+def _unwritable(term: Any) -> str | None:
+    """Return why files, or the database, cannot have a term."""
+    iri = getattr(term, "datatype", None) if isinstance(term, rdflib.Literal) else term
+    if isinstance(iri, rdflib.URIRef) and not IRI.fullmatch(iri):
+        return f"{str(iri)!r} is not an absolute IRI: correct it"
+    if isinstance(term, rdflib.Literal) and (wrong := NO_CHARACTER.search(term)):
+        return f"U+{ord(wrong[0]):04X} is not a character: leave it out"
+    return None
 
 
 _ROWS = re.compile(r"(?:UPDATE|DELETE FROM) (\w+) (?:SET .*? )?(WHERE .*)")
@@ -111,6 +128,17 @@ def refusal_text(error: Exception) -> str:
     return ". ".join(line for line in lines if line)
 
 
+@lru_cache(maxsize=10_000)
+def _is_computed(iri: str) -> bool:
+    return is_of_fields(iri) or any(iri == each.property for each in COMPUTED)
+
+
+_OWN = ("urn:semmap:", *KNOWLEDGE_CORE)
+
+Stated = tuple[psycopg.Cursor[Any], list[Fact], int]
+"""A command that states facts: its result, the facts if shapes bind them, and their number."""
+
+
 class FactWriter:
     """Writes facts of one request; new statements end after `lifespan` seconds; 0: never."""
 
@@ -122,32 +150,52 @@ class FactWriter:
             self._until = view.value(end, lifespan)
         self._constants = Constants({})
         self._blank: dict[str, str] = {}
+        self._ends: dict[Any, int] = {}  # of the facts that were resolved last
+        self._terms: dict[tuple[str, str], int] = {}
+        self._known_types: set[Any] = set()
         # The IRI of a type by which queries find what other IRIs of it state.
         self._type_iri = cache(lambda name: str(view.value("SELECT type_iri(%s)", name)))
 
-    def insert(self, facts: Iterable[Fact]) -> int:
-        """Add facts; return how many are new or end later; without an end, one keeps none."""
-        facts = list(facts)
-        for fact in facts:
-            _refuse_unwritable(fact)
-        facts = self._resolved(facts)
-        for fact in facts:
-            if str(fact.graph) == INFERRED_GRAPH:
-                raise RefusedError("this graph has what follows from other facts only", fact)
+    def insert(
+        self, facts: Iterable[Fact], implied: Callable[[list[Fact]], Set[Fact]] | None = None
+    ) -> int:
+        """Add facts; return how many are new or end later; without an end, one keeps none.
+
+        Statements about other than the map's nodes come first: while the server has some, the next
+        are read. Of the other facts, those that are `implied` are left out.
+        """
+        of_map: list[Fact] = []
+        stated: list[Stated] = []
+        rest, session = iter(facts), self._view.session
+        with ExitStack() as stack:
+            while some := list(islice(rest, _BATCH)):
+                if len(some) == _BATCH and session.pgconn.pipeline_status == PipelineStatus.OFF:
+                    stack.enter_context(session.pipeline())
+                some = self._resolved(some)
+                foreign = {each: self._is_foreign(each) for each in {f.subject for f in some}}
+                statements = []
+                for fact in some:
+                    if fact.graph is None and not foreign[fact.subject]:
+                        of_map.append(fact)
+                    else:
+                        iri = self._property_of(fact)
+                        self._refuse_invisible(fact, iri)
+                        statements.append((fact, iri))
+                if statements:
+                    stated.append(self._change_statements(statements, _STATE))
+        of_map = self._resolved(of_map)
+        known = implied(of_map) if implied is not None and of_map else frozenset()
         # Types first: they make the entities that other facts are about.
-        facts.sort(key=lambda fact: str(fact.property) != f"{RDF}type")
-        return self._change(facts, self._insert_in_table, _STATE, _ADDED)
+        new = [fact for fact in of_map if fact not in known]
+        new.sort(key=lambda fact: str(fact.property) != f"{RDF}type")
+        return self._counted(stated) + self._change(new, self._insert_in_table, _STATE)
 
     def delete(self, facts: Iterable[Fact]) -> int:
         """Remove facts; return how many there were."""
-        return self._change(self._resolved(facts), self._delete_in_table, _TAKE_BACK, _KNOWN)
+        return self._change(self._resolved(facts), self._delete_in_table, _TAKE_BACK)
 
     def _change(
-        self,
-        facts: list[Fact],
-        in_table: Callable[[Fact, str], int | None],
-        in_statements: str,
-        numbers: str,
+        self, facts: list[Fact], in_table: Callable[[Fact, str], int | None], sql: str
     ) -> int:
         """Change facts in tables, and the others as statements, many in one command."""
         changed, statements = 0, list[tuple[Fact, str]]()
@@ -159,55 +207,68 @@ class FactWriter:
                 statements.append((fact, iri))
             elif done:
                 changed += done
-                self._touch(fact)
-        for first in range(0, len(statements), _BATCH):
-            some = statements[first : first + _BATCH]
-            changed += self._change_statements(some, in_statements, numbers)
-        if len(statements) >= _BATCH:  # skipped where another role owns the tables
-            self._view.session.execute("ANALYZE triple, term")
-        return changed
+                self._touch([fact])
+        parts = (statements[i : i + _BATCH] for i in range(0, len(statements), _BATCH))
+        return changed + self._counted([self._change_statements(part, sql) for part in parts])
 
     def _resolved(self, facts: Iterable[Fact]) -> list[Fact]:
+        """Return facts without repetitions; look up what their IRIs stand for."""
         found = list(dict.fromkeys(facts))
-        iris = {str(t) for fact in found for t in fact[:3] if isinstance(t, rdflib.URIRef)}
+        terms = dict.fromkeys(term for fact in found for term in fact)
+        for term in terms:
+            if reason := _unwritable(term):
+                raise RefusedError(reason, next(fact for fact in found if term in fact))
+        iris = {str(term) for term in terms if isinstance(term, rdflib.URIRef)}
         view = self._view
-        self._constants = resolve(view.session, iris, view.namespace, view.number)
+        if len(iris) > _FEW:
+            iris = {iri for iri in iris if iri.startswith(_OWN) or iri in self._classes}
+        self._constants = (
+            resolve(view.session, iris, view.namespace, view.number) if iris else Constants({})
+        )
+        self._ends, self._terms = {}, {}
         return found
 
-    def _change_statements(self, some: list[tuple[Fact, str]], sql: str, numbers: str) -> int:
+    @cached_property
+    def _classes(self) -> frozenset[str]:
+        rows = self._view.session.execute("SELECT iri FROM semantic_type WHERE iri IS NOT NULL")
+        return frozenset(iri for (iri,) in rows)
+
+    def _change_statements(self, some: list[tuple[Fact, str]], sql: str) -> Stated:
+        """Send one command, the result of which is not waited for in a pipeline."""
         self._view.check_time()
-        session = self._view.session
-        quads = [self._quad(fact, iri) for fact, iri in some]
-        terms = list({end for quad in quads for end in quad if isinstance(end, tuple)})
-        texts, tags = ([term[i] for term in terms] for i in (0, 1))
-        row = session.execute(numbers, [texts, tags]).fetchone()
-        assert row is not None
-        number = dict(zip(terms, row[0], strict=True))
-        rows = {tuple(number[e] if isinstance(e, tuple) else e for e in quad) for quad in quads}
-        columns = [list(column) for column in zip(*rows, strict=True)]
+        rows = {self._quad(fact, iri) for fact, iri in some}
+        columns = [f"{{{','.join(map(str, column))}}}" for column in zip(*rows, strict=True)]
+        terms = [json.dumps(list(column)) for column in zip(*self._terms, strict=True)]
         values = [self._view.number, self._until] if sql is _STATE else [self._view.number]
-        places = [*values, *columns] if sql is _STATE else [*columns, *values]
-        changed = session.execute(sql, places).rowcount
-        if changed:
-            for fact, _ in some:
-                self._touch(fact)
-        return changed
+        session = self._view.session
+        cursor = session.execute(sql, [*terms, *columns, *values])
+        while session.pgconn.flush():  # a pipeline sends as much as the socket takes at once
+            select([], [session], [])
+        return cursor, [fact for fact, _ in some] if self._is_bound else [], len(some)
+
+    def _counted(self, stated: list[Stated]) -> int:
+        """Return how many statements commands changed; keep in mind which they are about."""
+        for cursor, facts, _ in stated:
+            if cursor.rowcount:
+                self._touch(facts)
+        if sum(number for _, _, number in stated) >= _BATCH:  # else it is soon enough
+            self._view.session.execute("ANALYZE triple, term")  # skipped without the right
+        return sum(cursor.rowcount for cursor, _, _ in stated)
+
+    @cached_property
+    def _is_bound(self) -> bool:
+        return bool(binding_shapes(self._view))
 
     def _property_of(self, fact: Fact) -> str:
         if isinstance(fact.subject, rdflib.Literal) or not isinstance(fact.property, rdflib.URIRef):
             raise RefusedError("the subject is a literal, or the property is not an IRI", fact)
         return self._constants.property(str(fact.property))
 
-    def _touch(self, fact: Fact) -> None:
-        self._view.touched |= {fact.subject, fact.object}
+    def _touch(self, facts: Iterable[Fact]) -> None:
+        self._view.touched.update(end for fact in facts for end in (fact.subject, fact.object))
 
     def _insert_in_table(self, fact: Fact, iri: str) -> int | None:
         """Add a fact to the table that has columns for it; None: it is a statement."""
-        if fact.graph is not None:
-            return None
-        if self._is_foreign(fact.subject):
-            self._refuse_invisible(fact, iri)
-            return None
         if iri == f"{RDF}type" and self._type(fact) is not None:
             self._refuse_end(fact)
             return self._set_type(fact)
@@ -264,15 +325,19 @@ class FactWriter:
 
     def _refuse_invisible(self, fact: Fact, iri: str) -> None:
         """Raise an error where no query would see a fact about a foreign resource."""
-        if is_of_fields(iri) or any(iri == each.property for each in COMPUTED):
+        if fact.graph is not None:
+            if str(fact.graph) == INFERRED_GRAPH:
+                raise RefusedError("this graph has what follows from other facts only", fact)
+        elif _is_computed(iri):
             raise RefusedError(
                 "this is computed for entities of the map when a query names it, and a statement "
                 "would not be seen: state it in a named graph",
                 fact,
             )
-        if iri == f"{RDF}type":
+        elif iri == f"{RDF}type" and fact.object not in self._known_types:
             for sentence in unknown_names(self._view, self._constants, [fact.object]):
                 raise RefusedError(sentence, fact)
+            self._known_types.add(fact.object)
 
     def _is_foreign(self, term: Any) -> bool:
         """Return whether a subject is not a node of a map, nor a name of the map's vocabulary."""
@@ -308,21 +373,30 @@ class FactWriter:
         form, key = self._constants.node(str(term))
         return self._type_iri(str(key)) if form == "type" else str(term)
 
-    def _quad(self, fact: Fact, iri: str) -> tuple[int | tuple[str, str], ...]:
-        """Return graph, subject, property and object: numbers of entities, texts and tags."""
-        object_: int | tuple[str, str] | None = self._entity(fact.object)
-        if iri == f"{RDF}type" and (type_ := self._type(fact)) is not None:
-            object_ = self._type_iri(type_), "I"
-        elif object_ is None:
-            resource = isinstance(fact.object, (rdflib.BNode, rdflib.URIRef))
-            object_ = (self._iri(fact.object), "I") if resource else tag_and_text(fact.object)
-        subject = self._entity(fact.subject)
+    def _quad(self, fact: Fact, iri: str) -> tuple[int, int, int, int]:
+        """Return graph, subject, property and object, as `_GIVEN` has them."""
+        type_ = self._type(fact) if iri == f"{RDF}type" else None
         return (
-            0 if fact.graph is None else (str(fact.graph), "I"),
-            (self._iri(fact.subject), "I") if subject is None else subject,
-            (iri, "I"),
-            object_,
+            0 if fact.graph is None else self._place(str(fact.graph)),
+            self._end(fact.subject),
+            self._place(iri),
+            self._end(fact.object) if type_ is None else self._place(self._type_iri(type_)),
         )
+
+    def _end(self, term: Any) -> int:
+        """Return the number of an entity, or the place of a term."""
+        found = self._ends.get(term)
+        if found is None:
+            found = self._entity(term)
+            if found is None and isinstance(term, rdflib.Literal):
+                found = self._place(*tag_and_text(term))
+            elif found is None:
+                found = self._place(self._iri(term))
+            self._ends[term] = found
+        return found
+
+    def _place(self, text: str, tag: str = "I") -> int:
+        return self._terms.setdefault((text, tag), -len(self._terms) - 1)
 
     def _known(self, term: Any, fact: Fact) -> int:
         entity = self._entity(term)

@@ -107,7 +107,7 @@ class KB(AbstractContextManager["KB"]):
         """Add the statements of an RDF file: RDF/XML, Turtle, N3 or N-Triples."""
         path = Path(filename)
         with _errors():
-            facts = read_facts(path, _FORMATS.get(path.suffix, "turtle"))
+            facts = list(read_facts(path, _FORMATS.get(path.suffix, "turtle")))
             with self._client.view() as view:
                 for model in self._models(models):
                     graph = self._client.graph_of(model)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,8 @@ FORMATS = {
 """Endings of files, with rdflib's names of their formats."""
 
 _STRING = f"{XSD}string"
+_KEPT = 100_000  # terms, each of which is made once
+_STEP = 10_000  # facts after which progress is told
 
 
 def format_of(path: Path) -> str:
@@ -46,9 +48,9 @@ def format_of(path: Path) -> str:
     return known
 
 
-def read_facts(path: Path, format_: str) -> list[Fact]:
-    """Return the facts of a file, of a format by rdflib's name; or WorldError."""
-    return parse_facts(read_text(path), format_, path)
+def read_facts(path: Path, format_: str) -> Iterator[Fact]:
+    """Yield the facts of a file, of a format by rdflib's name; or WorldError."""
+    yield from _facts_of(read_text(path), format_, path, path.absolute().as_uri())
 
 
 def parse_facts(text: str, format_: str, source: Path, base: str | None = None) -> list[Fact]:
@@ -56,13 +58,16 @@ def parse_facts(text: str, format_: str, source: Path, base: str | None = None) 
 
     A relative IRI is resolved by `base`, by default the source, where the text has none.
     """
+    return list(_facts_of(text, format_, source, base or source.absolute().as_uri()))
+
+
+def _facts_of(text: str, format_: str, source: Path, base: str) -> Iterator[Fact]:
     if format_ == "xml":
         _refuse_blow_up(text, source)
     refuse_unfolding(text, format_, source)
     try:
-        where = base or source.absolute().as_uri()
-        quads = pyoxigraph.parse(text, format=RDF_FORMATS[format_], base_iri=where)
-        return _limited_facts(quads, source)
+        quads = pyoxigraph.parse(text, format=RDF_FORMATS[format_], base_iri=base)
+        yield from _limited_facts(quads, source)
     except MemoryError as error:  # of pyoxigraph's buffer
         problem = f"has a term that is too long: {error}"
         raise WorldError(source, "file", problem, "Shorten it.") from error
@@ -72,20 +77,35 @@ def parse_facts(text: str, format_: str, source: Path, base: str | None = None) 
         ) from error
 
 
-def _limited_facts(quads: Iterable[Any], source: Path) -> list[Fact]:
-    """Return facts, or refuse them while they are read: short text may stand for much."""
-    found: list[Fact] = []
+def _limited_facts(quads: Iterable[Any], source: Path) -> Iterator[Fact]:
+    """Yield facts, or refuse them while they are read: short text may stand for much."""
     characters = 0
     most, most_characters = ELEMENTS.value, RDF_CHARACTERS.value
-    for quad in quads:
-        fact = Fact(*map(_term, quad))
-        found.append(fact)
-        characters += sum(map(len, filter(None, fact)))
-        if len(found) > most or characters > most_characters:
-            where = partial(WorldError, source, f"fact {len(found)}")
-            ELEMENTS.check(len(found), where, "Split the file.")
+    terms: dict[Any, Any] = {pyoxigraph.DefaultGraph(): None}
+    for number, quad in enumerate(quads, 1):
+        found = []
+        for term in quad:
+            if term not in terms:
+                terms[term] = _term(term)
+            found.append(terms[term])
+        fact = Fact(*found)
+        characters += len(fact.subject) + len(fact.property) + len(fact.object)
+        characters += len(fact.graph or "")
+        if number > most or characters > most_characters:
+            where = partial(WorldError, source, f"fact {number}")
+            ELEMENTS.check(number, where, "Split the file.")
             RDF_CHARACTERS.check(characters, where, "Split the file, or shorten its prefixes.")
-    return found
+        yield fact
+        if len(terms) > _KEPT:
+            terms = {pyoxigraph.DefaultGraph(): None}
+
+
+def reported(facts: Iterable[Fact], progress: Callable[[str, int, int], None]) -> Iterator[Fact]:
+    """Yield facts, and tell how many there were."""
+    for number, fact in enumerate(facts):
+        if not number % _STEP:
+            progress("facts", number, 0)
+        yield fact
 
 
 _ENTITY = re.compile(r'<!ENTITY\s+[^\s%]+\s+"([^"&]*)"')
@@ -103,7 +123,7 @@ def _refuse_blow_up(text: str, source: Path) -> None:
 
 
 def _term(term: Any) -> Any:
-    """Return a term of a file as one of rdflib, as it is written there; None: default graph."""
+    """Return a term of a file as one of rdflib, as it is written there."""
     if isinstance(term, pyoxigraph.NamedNode):
         return rdflib.URIRef(term.value)
     if isinstance(term, pyoxigraph.Literal):
@@ -115,27 +135,27 @@ def _term(term: Any) -> Any:
         return rdflib.Literal(term.value, datatype=type_, normalize=False)
     if isinstance(term, pyoxigraph.BlankNode):
         return rdflib.BNode(term.value)
-    if isinstance(term, pyoxigraph.DefaultGraph):
-        return None
     raise ValueError("a triple is the object of another one, which RDF 1.1 does not have")
 
 
-def store_facts(session: Session, facts: list[Fact], source: Path) -> int:
+def store_facts(session: Session, facts: Iterable[Fact], source: Path) -> int:
     """Add facts to the map that a session sees, all or none; return how many were new.
 
     Inferences (in the graph ``urn:semmap:inferred``) are left out: the map infers its own.
     """
+
+    def implied(found: list[Fact]) -> set[Fact]:
+        """Return what the map has: it may follow from other data, which is not stated."""
+        named = {str(fact.property) for fact in found}
+        mapped = [t for t in TRIPLES if t.property in named or t.name is not None]
+        return {Fact(*each) for each in facts_of(session, mapped)}
+
     with limited(session, None):
         try:
-            # What the map has already may follow from other data, which is not stated.
-            named = {str(fact.property) for fact in facts if fact.graph is None}
-            mapped = [t for t in TRIPLES if t.property in named or t.name is not None]
-            known = {Fact(*each) for each in facts_of(session, mapped)}
-            told = (fact for fact in facts if str(fact.graph) != INFERRED_GRAPH)
-            new = [fact for fact in told if fact not in known]
             view = MapView.of(session)
             with with_consequences(view):
-                return FactWriter(view).insert(new)
+                told = (fact for fact in facts if str(fact.graph) != INFERRED_GRAPH)
+                return FactWriter(view).insert(told, implied)
         except RefusedError as error:
             raise WorldError(source, error.fact.shown(), error.reason, "Remove it.") from error
         except BrokenShapeError as error:

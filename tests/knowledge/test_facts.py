@@ -9,7 +9,10 @@ import psycopg
 import pytest
 import rdflib
 
+from semmap.ingest.world import WorldError
+from semmap.knowledge.facts import Fact
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import COMPUTED
 from semmap.knowledge.queries import query
 from semmap.knowledge.rdf_file import parse_facts, store_facts
 from semmap.knowledge.reasoning.runs import reason
@@ -104,6 +107,7 @@ def test_foreign_resources_have_the_superclasses_of_their_types(
     assert query(changing, ask).truth
 
 
+EX_MUG = rdflib.URIRef("http://example.org/mug")
 HEAD = """
 PREFIX owl: <http://www.w3.org/2002/07/owl#> PREFIX ex: <http://example.org/>
 PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#>
@@ -167,3 +171,45 @@ def test_ontologies_load_as_they_are(changing: psycopg.Connection, text: str) ->
     assert store_facts(changing, new, Path("ontology.ttl")) > 0
     assert query(changing, ask).truth
     assert not before - Counter(facts(changing))
+
+
+STREAM = """
+PREFIX ex: <http://example.org/> PREFIX : <urn:semmap:map:loft#>
+PREFIX semmap: <urn:semmap:ontology#>
+ex:list ex:has [ ex:of :bowl ], ex:mug . ex:mug ex:beside :bowl, :jar ; a ex:Mug, semmap:Cup .
+ex:archive { :bowl ex:was ex:clean . ex:mug ex:beside :bowl . :jar ex:was ex:full }
+ex:mug ex:beside :bowl . :bowl ex:size 5 . :bowl a semmap:Cup . :jar a semmap:Cup .
+:jar semmap:placedOn :table . ex:mug a ex:Mug .
+"""
+
+
+@pytest.mark.parametrize("batch", [1, 2, 3, 5, 10_000])
+def test_facts_are_stated_in_parts(
+    changing: psycopg.Connection, monkeypatch: pytest.MonkeyPatch, batch: int
+) -> None:
+    monkeypatch.setattr("semmap.knowledge.facts._BATCH", batch)
+    before = Counter(facts(changing))
+    read = parse_facts(STREAM, "trig", Path("a.trig"))
+    assert store_facts(changing, iter(read), Path("a.trig")) == len(set(read)) == 14
+    after = Counter(facts(changing))
+    named = {fact for fact in read if not any(isinstance(t, rdflib.BNode) for t in fact)}
+    assert {fact: after[fact] for fact in named} == dict.fromkeys(named, 1)
+    assert sum(isinstance(f[2], rdflib.URIRef) and "blank" in f[2] for f in after - before) == 1
+    row = changing.execute(
+        "SELECT count(*) FROM statement s, entity e "
+        "WHERE e.name = 'bowl' AND e.id IN (s.subject_id, s.object_id)"
+    ).fetchone()
+    assert row == (5,)
+
+
+@pytest.mark.parametrize("batch", [2, 10_000])
+def test_a_fact_that_is_refused_late_changes_nothing(
+    changing: psycopg.Connection, monkeypatch: pytest.MonkeyPatch, batch: int
+) -> None:
+    monkeypatch.setattr("semmap.knowledge.facts._BATCH", batch)
+    before = Counter(facts(changing))
+    computed = rdflib.URIRef(COMPUTED[0].property)
+    read = [*parse_facts(STREAM, "trig", Path("a.trig")), Fact(EX_MUG, computed, EX_MUG)]
+    with pytest.raises(WorldError, match="computed"):
+        store_facts(changing, read, Path("a.trig"))
+    assert Counter(facts(changing)) == before

@@ -61,9 +61,9 @@ def http_server(cluster: Cluster, state: Path, port: str) -> None:
     with redirect_stderr(StringIO()) as printed:
         try:
             main()
-        except SystemExit as ended:
+        except SystemExit:
             sys.__stderr__.write(printed.getvalue())
-            if "http://" in printed.getvalue() or ended.code != 1:  # it served
+            if "http://" in printed.getvalue() or "Usage" in printed.getvalue():  # it served
                 raise
     os.execv(sys.executable, again)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import psycopg
@@ -30,6 +31,14 @@ _KEY = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")
 
 _VOXEL = re.compile(r"-?[0-9]{1,7}(,-?[0-9]{1,7}){2}")
 _UUID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+
+
+@lru_cache(maxsize=10_000)
+def _own_property(iri: str) -> str:
+    if namespace_of(iri) in KNOWLEDGE_CORE:
+        own = (space + local_name(iri) for space in (KNOWLEDGE_CORE[0], SEMMAP))
+        return next((each for each in own if each in _OWN), iri)
+    return iri
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +107,7 @@ class Constants:
 
     def property(self, iri: str) -> str:
         """Return the property that an IRI of KnowledgeCore's namespaces stands for, else itself."""
-        if namespace_of(iri) in KNOWLEDGE_CORE:
-            own = (space + local_name(iri) for space in (KNOWLEDGE_CORE[0], SEMMAP))
-            return next((each for each in own if each in _OWN), iri)
-        return iri
+        return _own_property(iri)
 
 
 _NODES = (

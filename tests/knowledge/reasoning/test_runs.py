@@ -256,7 +256,7 @@ def test_exports_have_inferences_where_asked(flat: tuple[str, Map], tmp_path: Pa
     def graphs_with_it(name: str, *words: str) -> set[object]:
         command_line.semmap(url, "rdf", "export", tmp_path / name, "--map", "home", *words)
         format_ = {".ttl": "turtle", ".trig": "trig"}[Path(name).suffix]
-        facts = read_facts(tmp_path / name, format_)
+        facts = list(read_facts(tmp_path / name, format_))
         assert len(facts) > 20
         return {f.graph for f in facts if (f.subject, f.property, f.object) == delicate}
 
