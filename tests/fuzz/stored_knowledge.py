@@ -208,7 +208,7 @@ def run_update(data: bytes, _: Path) -> None:
         except Error:
             assert here.execute(STATE).fetchone() == before, "a refused update changes nothing"
             raise
-        assert (here.execute(STATE).fetchone() or ())[-1] == 1
+        assert (here.execute(STATE).fetchone() or ())[-1] == (before or ())[-1]
 
 
 @cache
