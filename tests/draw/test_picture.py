@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import warnings
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -12,10 +13,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.palette import ROOMS
 from semmap.draw.picture import Picture
+from semmap.garbage import no_garbage_collection
 from tests.draw.storeys import two_rooms
 
 PATH = "{http://www.w3.org/2000/svg}path"
@@ -70,3 +73,16 @@ def test_pictures_of_two_threads_leave_the_settings_of_the_process() -> None:
         ended.set()
         two.result()
     assert ([*warnings.filters], dict(matplotlib.rcParams)) == before
+
+
+def test_what_a_picture_was_drawn_with_is_gone_at_once() -> None:
+    figures: list[weakref.ref[Figure]] = []
+
+    def draw(path: Path) -> None:
+        figure = Figure()
+        figure.savefig(path)
+        figures.append(weakref.ref(figure))
+
+    with no_garbage_collection():
+        Picture.drawn(draw)
+        assert figures[0]() is None
