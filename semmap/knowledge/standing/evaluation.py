@@ -26,7 +26,7 @@ _SETTINGS = (
     "set_config('statement_timeout', '{}', true), "
     "set_config('join_collapse_limit', '11', true), set_config('from_collapse_limit', '11', true)"
 )
-_PARAMETER = re.compile(r"%\((\w+)\)s::(\w+)")
+_PARAMETER = re.compile(r"%\((\w+)\)s::(double precision|\w+)")
 
 
 class Job(NamedTuple):
@@ -157,8 +157,7 @@ def _with_values(
     types = dict(_PARAMETER.findall(statement.sql))
     for name, kind in types.items():
         column = [_value(job.part, other, name) for job, other in group]
-        first = column[0]
-        if name in varying or any(v != first or type(v) is not type(first) for v in column):
+        if name in varying or len({repr(value) for value in column}) > 1:  # NaN differs from NaN
             varying.add(name)
             columns[name] = kind, column
     sql = _PARAMETER.sub(
