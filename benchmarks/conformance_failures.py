@@ -34,18 +34,6 @@ FAILURES: dict[str, str] = {
         ["graph-store/put__default_graph", "graph-store/get_of_put__default_graph"],
         "the default graph is the map, which is not replaced",
     ),
-    **dict.fromkeys(
-        ["graph-store/post__multipart_formdata", "graph-store/get_of_post__multipart_formdata"],
-        "a request has one graph: multipart/form-data is refused (415)",
-    ),
-    **dict.fromkeys(
-        [
-            "graph-store/post__create__new_graph",
-            "graph-store/get_of_post__create__new_graph",
-            "graph-store/get_of_post__after_noop",
-        ],
-        "the client names each graph: the server makes up no IRI",
-    ),
     # SPARQL 1.0
     "dataset/dawg-dataset-09": "FROM and FROM NAMED name one stored graph, which has its blank "
     "nodes once; the test reads a file twice",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import typer
@@ -46,6 +47,9 @@ def serve_command(
     ),
     seconds: float = Option(60, min=0.1, max=86_400, help="Stop a statement after this time."),
     rows: int = Option(50_000, min=1, help="The most rows of an answer of SPARQL."),
+    origin: list[str] = Option(
+        [], metavar="URL", help="Of pages of the web that may use it, such as https://maps.example."
+    ),
 ) -> None:
     """Serve all maps over HTTP: operations, events, OGC API - Features, SPARQL, the viewer."""
     with _extra(), open_database() as database:
@@ -55,8 +59,12 @@ def serve_command(
         local = host in ("localhost", "127.0.0.1", "::1")
         if tokens is None and not local:
             raise typer.BadParameter(f"others reach {host}: give --tokens")
+        for each in origin:
+            if not re.fullmatch(r"https?://[^/*\s]+", each):
+                raise typer.BadParameter(f"--origin {each}: give a scheme and a host, no path")
         known = {} if tokens is None else read_tokens(tokens)
-        api = HttpApi(database, known, local=local, seconds=seconds, rows=rows)
+        limits: Any = {"seconds": seconds, "rows": rows}
+        api = HttpApi(database, known, local=local, origins=origin, **limits)
 
         def say(port: int) -> None:
             cli.err.print(f"http://{host}:{port}/maps; the operations: /openapi.json", style="dim")

@@ -29,8 +29,10 @@ class _TooLong(BaseException):
 
 
 def _timed(check: Check, seconds: float, path: Path, *args: Any) -> rdflib.Graph:
+    from pyshacl.shape import Shape  # not when the time is over, maybe in the middle of its import
+
     def stop(_: int, frame: Any) -> None:
-        raise _TooLong(_shape_in(frame))
+        raise _TooLong(_shape_in(frame, Shape))
 
     signal.signal(signal.SIGALRM, stop)
     signal.setitimer(signal.ITIMER_REAL, seconds)
@@ -44,13 +46,11 @@ def _timed(check: Check, seconds: float, path: Path, *args: Any) -> rdflib.Graph
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
-def _shape_in(frame: Any) -> str:
+def _shape_in(frame: Any, kind: type[Any]) -> str:
     """Return the IRI of the shape that pySHACL checks in a frame of the stack, or of one above."""
-    from pyshacl.shape import Shape
-
     while frame is not None:
         shape = frame.f_locals.get("self")
-        if isinstance(shape, Shape) and isinstance(shape.node, rdflib.URIRef):
+        if isinstance(shape, kind) and isinstance(shape.node, rdflib.URIRef):
             return str(shape.node)
         frame = frame.f_back
     return "without an IRI"

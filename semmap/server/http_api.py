@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib.metadata import version
@@ -20,6 +20,8 @@ import sqlalchemy.exc
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
@@ -40,7 +42,7 @@ from semmap.server.handles import SECONDS, Handles
 from semmap.server.layers import costs_of, grasps_of, moments_of, poses_of, voxels_of
 from semmap.server.requests import EncodedSlashes, body_of, client_of, map_of, role_of
 from semmap.server.scene import meshes_of, scene_of
-from semmap.server.sparql_endpoint import SparqlEndpoint
+from semmap.server.sparql_endpoint import NOTE, SparqlEndpoint
 from semmap.server.turns import BusyError, Turns
 from semmap.server.vector_tiles import MEDIA_TYPE, tile_of
 from semmap.server.viewer_files import Viewer
@@ -91,7 +93,7 @@ class HttpApi:
     On this machine alone (`local`) requests need no token to read, and name this machine: a page
     of the web cannot reach the maps under a name of its own. Elsewhere each request has a token.
     A statement is stopped after `seconds`, an answer of SPARQL has at most `rows` (fewer where it
-    has more than ten columns).
+    has more than ten columns). Pages of the web at `origins` may read the answers.
     """
 
     def __init__(
@@ -102,6 +104,7 @@ class HttpApi:
         local: bool = True,
         seconds: float = SECONDS,
         rows: int = int(MOST["rows"]),
+        origins: Sequence[str] = (),
     ) -> None:
         self._tokens, self._local = dict(tokens or {}), local
         self._handles = Handles(database, seconds)
@@ -151,6 +154,14 @@ class HttpApi:
                 Route("/maps/{map}/{operation}", self._operation, methods=["GET", "POST"]),
             ],
             middleware=[
+                Middleware(
+                    CORSMiddleware,
+                    allow_origins=origins,
+                    allow_methods=["*"],
+                    allow_headers=["*"],
+                    expose_headers=["ETag", "Location", "Retry-After", NOTE],
+                ),
+                Middleware(GZipMiddleware, compresslevel=4),
                 Middleware(EncodedSlashes),
                 *[Middleware(TrustedHostMiddleware, allowed_hosts=THIS_MACHINE)] * local,
             ],

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from email import message_from_bytes
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
+from uuid import uuid4
 
 import psycopg
 import rdflib
@@ -34,6 +37,7 @@ from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
 from semmap.language.error import QueryError
 from semmap.server.handles import Handles
 from semmap.server.requests import body_of, client_of, map_of
+from semmap.server.service_description import service_description
 from semmap.server.turns import Turns
 
 GRAPH_FORMATS = {
@@ -48,6 +52,12 @@ GRAPH_FORMATS = {
 
 MOST_BYTES = 2**20
 """The most bytes of a request: a minute suffices to read and store so much Turtle."""
+
+
+NOTE = "Semmap-Note"
+"""The header of what an answer notes, such as a name that the map does not have."""
+
+GRAPH_METHODS = ["GET", "HEAD", "PUT", "POST", "DELETE"]
 
 
 class SparqlEndpoint:
@@ -67,10 +77,15 @@ class SparqlEndpoint:
         self.routes = [
             Route("/sparql", self._sparql, methods=["GET", "POST"]),
             Route("/update", self._sparql, methods=["POST"]),
-            Route("/graph", self._graph, methods=["GET", "HEAD", "PUT", "POST", "DELETE"]),
+            *(
+                Route(path, self._graph, methods=GRAPH_METHODS)
+                for path in ("/graph", "/graph/{at:path}")
+            ),
         ]
 
     async def _sparql(self, request: Request) -> Response:
+        if request.method == "GET" and not request.query_params:
+            return await self._in_turn(request, "", lambda: self._described(request))
         kind, text, dataset = await _read(request)
         if kind == "update":
             self._writer(request)
@@ -82,10 +97,17 @@ class SparqlEndpoint:
             answer = query(session, text, seconds=self._seconds, rows=self._rows, dataset=dataset)
         accept = request.headers.get("accept", "*/*")
         if answer.graph is not None:
-            kind = _chosen(accept, {k: GRAPH_FORMATS[k] for k in list(GRAPH_FORMATS)[:4]})
-            return Response(serialized(answer.graph, GRAPH_FORMATS[kind]), media_type=kind)
-        kind = _chosen(accept, RESULT_FORMATS if answer.form == "SELECT" else TRUTH_FORMATS)
-        return Response(RESULT_FORMATS[kind](answer), media_type=kind)
+            response = _as_graph(request, answer.graph)
+        else:
+            kind = _chosen(accept, RESULT_FORMATS if answer.form == "SELECT" else TRUTH_FORMATS)
+            response = Response(RESULT_FORMATS[kind](answer), media_type=kind)
+        for note in answer.notes:
+            response.headers.append(NOTE, note.encode("ascii", "backslashreplace").decode())
+        return response
+
+    def _described(self, request: Request) -> Response:
+        with self._session(request) as session:
+            return _as_graph(request, service_description(session, str(request.url)))
 
     def _update(self, request: Request, text: str, dataset: Chosen | None) -> Response:
         try:
@@ -99,7 +121,12 @@ class SparqlEndpoint:
 
     async def _graph(self, request: Request) -> Response:
         named = request.query_params.get("graph") or None
-        if (named is None) == ("default" not in request.query_params):
+        is_new = request.method == "POST" and request.url.path.endswith("/graph")
+        if "at" in request.path_params:  # its address is its name (section 4.1)
+            named = str(request.url)
+        elif is_new and not request.query_params:  # section 5.5
+            named = f"{request.url}/{uuid4()}"
+        elif (named is None) == ("default" not in request.query_params):
             raise HTTPException(400, "name a graph: ?graph=IRI or ?default")
         if request.method in ("GET", "HEAD"):
             return await self._in_turn(request, "", lambda: self._read_graph(request, named))
@@ -114,7 +141,8 @@ class SparqlEndpoint:
     ) -> Response:
         self._role(request)  # an unknown token has no turn
         what = (request.method, request.url.path, request.url.query, hash(text))
-        return await self._turns.run(client_of(request), what, answer)
+        response = await self._turns.run(client_of(request), what, answer)
+        return _validated(request, response)
 
     def _read_graph(self, request: Request, named: str | None) -> Response:
         format_ = _chosen(request.headers.get("accept", "*/*"), GRAPH_FORMATS)
@@ -135,16 +163,11 @@ class SparqlEndpoint:
 
     def _write_graph(self, request: Request, named: str | None, body: bytes) -> Response:
         method = request.method
-        kind = request.headers.get("content-type", "text/turtle").split(";")[0].strip()
+        kind = request.headers.get("content-type", "text/turtle")
         new: list[Fact] = []
         if method != "DELETE":
-            if kind not in GRAPH_FORMATS:
-                raise HTTPException(415, f"{kind} is not one of {', '.join(GRAPH_FORMATS)}")
-            try:
-                base = named or str(request.url)  # as the standard has it
-                parsed = parse_facts(body.decode(), GRAPH_FORMATS[kind], Path("request"), base)
-            except (WorldError, UnicodeDecodeError) as error:
-                raise HTTPException(400, str(error)) from error
+            base = named or str(request.url)  # as the standard has it
+            parsed = [fact for part in _parts(kind, body) for fact in _parsed(*part, base)]
             graph = None if named is None else rdflib.URIRef(named)
             new = [fact._replace(graph=graph) for fact in parsed]
         with self._session(request) as session, limited_view(session, self._seconds) as view:
@@ -160,7 +183,8 @@ class SparqlEndpoint:
                 FactWriter(view).insert(new)
         if method == "DELETE" and not existed:
             raise HTTPException(404, f"there is no graph <{named}>")
-        return Response(status_code=204 if existed else 201)
+        at = {"Location": named} if named and not existed else None
+        return Response(status_code=204 if existed else 201, headers=at)
 
     def _writer(self, request: Request) -> None:
         if self._role(request) is None:
@@ -170,6 +194,50 @@ class SparqlEndpoint:
     def _session(self, request: Request) -> Iterator[Session]:
         with self._handles.lend(self._role(request)) as database:
             yield database.map(map_of(request)).connection
+
+
+def _parts(kind: str, body: bytes) -> list[tuple[str, bytes]]:
+    """Return the media types and contents of a body, which may have several files."""
+    if not kind.startswith("multipart/"):
+        return [(kind, body)]
+    found = message_from_bytes(b"Content-Type: " + kind.encode("latin-1") + b"\r\n\r\n" + body)
+    if found.defects or not found.is_multipart():
+        raise HTTPException(400, "the request has no parts that can be read")
+    contents = ((p["content-type"] or "", p.get_payload(decode=True)) for p in found.walk())
+    return [(kind, content) for kind, content in contents if isinstance(content, bytes)]
+
+
+def _parsed(kind: str, body: bytes, base: str) -> list[Fact]:
+    kind = kind.split(";")[0].strip().lower()
+    if kind not in GRAPH_FORMATS:
+        raise HTTPException(415, f"{kind} is not one of {', '.join(GRAPH_FORMATS)}")
+    try:
+        return parse_facts(body.decode(), GRAPH_FORMATS[kind], Path("request"), base)
+    except (WorldError, UnicodeDecodeError) as error:
+        raise HTTPException(400, str(error)) from error
+
+
+def _as_graph(request: Request, graph: rdflib.Graph) -> Response:
+    """Return an answer in the format that the client accepts of those without named graphs."""
+    known = {kind: GRAPH_FORMATS[kind] for kind in list(GRAPH_FORMATS)[:4]}
+    kind = _chosen(request.headers.get("accept", "*/*"), known)
+    return Response(serialized(graph, known[kind]), media_type=kind)
+
+
+def _validated(request: Request, response: Response) -> Response:
+    """Name the content of an answer; a client that has it already gets 304.
+
+    The content is compared, not a revision of the map: facts end by themselves.
+    """
+    if request.method not in ("GET", "HEAD") or response.status_code != 200:
+        return response
+    tag = f'W/"{sha256(bytes(response.body)).hexdigest()[:32]}"'
+    headers = {"ETag": tag, "Vary": "Accept, Authorization"}
+    known = request.headers.get("if-none-match", "")
+    if tag in (each.strip() for each in known.split(",")):
+        return Response(status_code=304, headers=headers)
+    response.headers.update(headers)
+    return response
 
 
 async def _read(request: Request) -> tuple[str, str, Chosen | None]:

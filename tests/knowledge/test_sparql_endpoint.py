@@ -98,7 +98,7 @@ def test_formats_of_graphs(client: httpx.Client) -> None:
 @pytest.mark.parametrize(
     ("status", "request_"),
     [
-        (400, {"params": {}}),
+        (400, {"params": {"format": "json"}}),
         (400, {"params": {"query": "SELECT ?x {"}}),
         (400, {"params": {"query": "SELECT ?y { ?x semmap:heldBy ?y } GROUP BY ?x"}}),
         (400, {"params": {"query": QUERY, "default-graph-uri": "no IRI"}}),

@@ -1,0 +1,195 @@
+"""Browsers, and clients of others, use the endpoint as they use any other one."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Iterator
+
+import httpx
+import pyoxigraph
+import pytest
+import rdflib
+from rdflib.compare import isomorphic
+from rdflib.namespace import RDF, VOID
+from rdflib.plugins.stores.sparqlstore import SPARQLUpdateStore
+
+from semmap import Map
+from semmap.server.service_description import FORMAT, SD
+from tests.knowledge.test_sparql_endpoint import ADMIN, QUERY, WRITER, bearer, serving
+
+PAGE = "https://maps.example"
+TURTLE = {"Content-Type": "text/turtle", **bearer(WRITER)}
+SOFA = rdflib.URIRef("urn:semmap:map:loft#sofa")
+
+
+@pytest.fixture(scope="module")
+def client(loft_map: Map) -> Iterator[httpx.Client]:
+    with serving(loft_map, seconds=20, rows=9000, origins=[PAGE]) as client:
+        yield client
+
+
+@pytest.mark.parametrize(("origin", "allowed"), [(PAGE, PAGE), ("https://other.example", None)])
+def test_pages_of_some_origins_read_answers(
+    client: httpx.Client, origin: str, allowed: str | None
+) -> None:
+    answer = client.get("/sparql", params={"query": QUERY}, headers={"Origin": origin})
+    assert answer.headers.get("access-control-allow-origin") == allowed
+    asked = {
+        "Origin": origin,
+        "Access-Control-Request-Method": "PUT",
+        "Access-Control-Request-Headers": "authorization, content-type",
+    }
+    may = client.options("/graph", headers=asked)
+    assert may.is_success == (allowed is not None)
+    assert may.headers.get("access-control-allow-origin") == allowed
+    if allowed:
+        assert "authorization" in may.headers["access-control-allow-headers"].lower()
+
+
+def test_answers_are_packed_where_the_client_unpacks(client: httpx.Client) -> None:
+    def raw(encoding: str) -> tuple[str | None, bytes]:
+        headers = {"Accept": "text/turtle", "Accept-Encoding": encoding}
+        with client.stream("GET", "/graph?default=", headers=headers) as answer:
+            return answer.headers.get("content-encoding"), b"".join(answer.iter_raw())
+
+    how, packed = raw("gzip")
+    plain, text = raw("identity")
+    assert (how, plain) == ("gzip", None)
+    assert gzip.decompress(packed) == text
+    assert len(packed) < len(text) / 3
+
+
+def test_an_unchanged_answer_is_not_sent_again(client: httpx.Client) -> None:
+    name = {"graph": "http://example.org/tagged"}
+    client.put("/graph", params=name, content="<urn:a> <urn:b> 1 .", headers=TURTLE)
+    first = client.get("/graph", params=name)
+    known = {"If-None-Match": f'"other", {first.headers["etag"]}'}
+    again = client.get("/graph", params=name, headers=known)
+    assert (again.status_code, again.content) == (304, b"")
+    assert client.get("/graph", params=name, headers={"If-None-Match": '"x"'}).text == first.text
+    xml = client.get("/graph", params=name, headers={**known, "Accept": "application/rdf+xml"})
+    assert xml.status_code == 200
+    client.post("/graph", params=name, content="<urn:a> <urn:b> 2 .", headers=TURTLE)
+    assert client.get("/graph", params=name, headers=known).status_code == 200
+    client.delete("/graph", params=name, headers=TURTLE)
+
+
+def test_an_answer_that_time_changes_is_sent_again(client: httpx.Client, loft_map: Map) -> None:
+    loft_map.knowledge_client().add(["bob <http://e/mood> 5"], lifespan=1)
+    asked = {"query": "SELECT ?x { ?x <http://e/mood> ?y }"}
+    first = client.get("/sparql", params=asked)
+    known = {"If-None-Match": first.headers["etag"]}
+    assert first.json()["results"]["bindings"]
+    while client.get("/sparql", params=asked).json()["results"]["bindings"]:
+        pass
+    assert client.get("/sparql", params=asked, headers=known).status_code == 200
+
+
+def test_the_endpoint_describes_itself(client: httpx.Client) -> None:
+    name = {"graph": "http://example.org/described"}
+    client.put("/graph", params=name, content="<urn:a> <urn:b> 1, 2 .", headers=TURTLE)
+    answer = client.get("/sparql", headers={"Accept": "application/rdf+xml"})
+    client.delete("/graph", params=name, headers=TURTLE)
+    found = rdflib.Graph().parse(data=answer.text, format="xml")
+    url = rdflib.URIRef(f"{client.base_url}sparql")
+    assert found.value(url, RDF.type) == SD.Service
+    spoken = found[: SD.supportedLanguage]
+    languages = {word: at for one, word in spoken for at in found[one : SD.endpoint]}
+    update = rdflib.URIRef(f"{client.base_url}update")
+    assert languages == {SD.SPARQL11Query: url, SD.SPARQL11Update: update}
+    data = found.value(url, SD.defaultDataset)
+    assert set(found[data : RDF.type]) == {SD.Dataset, VOID.Dataset}
+    assert str(found.value(data, VOID.uriSpace)) == "urn:semmap:map:loft#"
+    (named,) = found[: SD.name : rdflib.URIRef(name["graph"])]
+    assert [n.toPython() for n in found[named : SD.graph / VOID.triples]] == [2]
+    media = {
+        "SPARQL_Results_JSON": "application/sparql-results+json",
+        "SPARQL_Results_XML": "application/sparql-results+xml",
+        "SPARQL_Results_CSV": "text/csv",
+        "SPARQL_Results_TSV": "text/tab-separated-values",
+        "Turtle": "text/turtle",
+        "N-Triples": "application/n-triples",
+        "JSON-LD": "application/ld+json",
+        "RDF_XML": "application/rdf+xml",
+    }
+    assert set(found[url : SD.resultFormat]) == {FORMAT[each] for each in media}
+    for each, kind in media.items():
+        text = QUERY if each.startswith("SPARQL") else "CONSTRUCT WHERE { ?s a semmap:Sofa }"
+        got = client.get("/sparql", params={"query": text}, headers={"Accept": kind})
+        assert got.headers["content-type"].split(";")[0] == kind
+
+
+def test_a_new_graph_has_a_name_of_its_own(client: httpx.Client) -> None:
+    body = "<urn:a> <urn:b> <#c> ."
+    made = client.post("/graph", content=body, headers=TURTLE)
+    assert made.status_code == 201
+    at = made.headers["location"]
+    assert at.startswith(f"{client.base_url}graph/")
+    assert f"<{at}#c>" in client.get(at, headers={"Accept": "application/n-triples"}).text
+    by_name = client.get(
+        "/graph", params={"graph": at}, headers={"Accept": "application/n-triples"}
+    )
+    assert f"<{at}#c>" in by_name.text
+    assert client.put(at, content="<urn:a> <urn:b> 2 .", headers=TURTLE).status_code == 204
+    assert '"2"' in client.get(at, headers={"Accept": "application/n-triples"}).text
+    assert client.head(at).status_code == 200
+    assert client.delete(at).status_code == 401
+    assert client.delete(at, headers=TURTLE).status_code == 204
+    assert client.get(at).status_code == 404
+
+
+def test_files_of_a_form_are_one_graph(client: httpx.Client) -> None:
+    name = {"graph": "http://example.org/form"}
+    files = {
+        "one": ("a.ttl", "<urn:a> <urn:b> 'ä' .", "text/turtle"),
+        "two": ("b.nt", "<urn:a> <urn:b> <urn:c> .", "application/n-triples; charset=utf-8"),
+    }
+    made = client.post("/graph", params=name, files=files, headers=bearer(WRITER))
+    assert made.status_code == 201
+    written = rdflib.Graph().parse(data=client.get("/graph", params=name).text, format="turtle")
+    wanted = rdflib.Graph().parse(data="<urn:a> <urn:b> 'ä', <urn:c> .", format="turtle")
+    assert isomorphic(written, wanted)
+    client.delete("/graph", params=name, headers=TURTLE)
+    for wrong in (
+        {"files": {"one": ("a.txt", "text", "text/plain")}},
+        {"content": b"--x", "headers": {"Content-Type": "multipart/form-data; boundary=x"}},
+        {"content": b"--x", "headers": {"Content-Type": "multipart/form-data"}},
+    ):
+        headers = {**bearer(WRITER), **wrong.pop("headers", {})}
+        answer = client.post("/graph", params=name, headers=headers, **wrong)
+        assert answer.status_code in (400, 415), answer.text
+    assert client.get("/graph", params=name).status_code == 404
+
+
+def test_unknown_names_are_noted(client: httpx.Client) -> None:
+    answer = client.get("/sparql", params={"query": "ASK { ?x a semmap:Sofaa . :möbel ?p ?o }"})
+    assert answer.json()["boolean"] is False
+    notes = answer.headers.get_list("semmap-note")
+    assert any("Sofaa" in each and "semmap:Sofa" in each for each in notes)
+    assert "semmap-note" not in client.get("/sparql", params={"query": QUERY}).headers
+
+
+def test_rdflib_reads_and_writes(client: httpx.Client) -> None:
+    store = SPARQLUpdateStore(
+        f"{client.base_url}sparql", f"{client.base_url}update", headers=bearer(ADMIN)
+    )
+    graph = rdflib.Graph(store, rdflib.graph.DATASET_DEFAULT_GRAPH_ID)
+    label, text = rdflib.RDFS.comment, rdflib.Literal("grüner Bezug", lang="de")
+    graph.add((SOFA, label, text))
+    assert (SOFA, label, text) in graph
+    text_of_sofa = f"CONSTRUCT {{ ?s ?p ?o }} WHERE {{ ?s ?p ?o FILTER(?s = <{SOFA}>) }}"
+    made = rdflib.Graph(store).query(text_of_sofa)
+    assert (SOFA, label, text) in made.graph
+    graph.remove((SOFA, label, text))
+    assert (SOFA, label, None) not in graph
+
+
+def test_oxigraph_asks_it_as_a_service(client: httpx.Client) -> None:
+    store = pyoxigraph.Store()
+    sofa = pyoxigraph.NamedNode(str(SOFA))
+    store.add(pyoxigraph.Quad(sofa, pyoxigraph.NamedNode("urn:of"), pyoxigraph.Literal("ann")))
+    found = store.query(
+        f"SELECT ?n ?who {{ ?s <urn:of> ?who SERVICE <{client.base_url}sparql> "
+        "{ ?s <urn:semmap:ontology#name> ?n } }"
+    )
+    assert [(row["n"].value, row["who"].value) for row in found] == [("sofa", "ann")]
