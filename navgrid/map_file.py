@@ -32,6 +32,8 @@ Mode = Literal["trinary", "scale", "raw"]
 ROWS_AT_ONCE = 256
 """Rows of an image that are computed at once: shades take many bytes a pixel."""
 
+_FINEST = 1e-6  # metres a cell: indices of cells stay within 64 bits
+
 # A trinary map's unknown cells are grey 205, whose occupancy 1 - 205/255 = 0.1961 lies below the
 # free_thresh of 0.25 that map_saver writes by default: map_server would read them as free.
 THRESHOLDS: dict[Mode, tuple[float, float]] = {
@@ -156,8 +158,9 @@ def read_map(path: Path | str) -> tuple[Grid, NDArray[np.int8]]:
         fix = f"Give one of {', '.join(get_args(Mode))}"
         raise MapFileError(path, "mode", f"is {mode!r}", fix)
     resolution = _float(path, "resolution", _required(path, fields, "resolution"))
-    if resolution <= 0:
-        raise MapFileError(path, "resolution", f"is {resolution}", "Give metres a cell, above zero")
+    if not _FINEST <= resolution <= 1 / _FINEST:
+        fix = f"Give metres a cell, {_FINEST:g} to {1 / _FINEST:g}"
+        raise MapFileError(path, "resolution", f"is {resolution}", fix)
     origin = _required(path, fields, "origin")
     if not isinstance(origin, list) or len(origin) != 3:
         raise MapFileError(path, "origin", f"is {origin!r}", "Give a list [x, y, yaw]")
