@@ -143,7 +143,7 @@ def test_the_longest_name_fits_into_the_index() -> None:
     assert 4 * NAME_CHARACTERS.default < 2704
 
 
-SET = {"HOME", "LANG", "LC_ALL", "PGPASSWORD"}
+SET = {"HOME", "LANG", "LC_ALL", "PGPASSWORD", "PXR_WORK_THREAD_LIMIT"}
 """Variables that the packages only set or keep from other programs."""
 
 NOT_VARIABLES = {"MAP", "NN", "PG", "TYPE", "UTC"}
