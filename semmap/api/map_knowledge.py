@@ -33,12 +33,13 @@ class MapKnowledge(MapReasoning):
         seconds: float | None = None,
         rows: int | None = None,
         inferred: bool = True,
+        plan: bool = False,
     ) -> Answer:
         """Answer a query of SPARQL 1.1 on the facts, geometry and T-Box of the map.
 
         Returns an answer that yields its rows as plain values, is true or false where it is ASK,
-        and has the `names` of its columns, the terms (`rows`), the `graph` of CONSTRUCT, and
-        `notes`.
+        and has the `names` of its columns, the terms (`rows`), the `graph` of CONSTRUCT, `notes`,
+        and an `explanation`: the SQL, or why rdflib evaluated it.
 
         Parameters
         ----------
@@ -47,6 +48,7 @@ class MapKnowledge(MapReasoning):
         seconds : stop after this time; by default the limit of `semmap.limits`
         rows : the most rows of an answer; by default the limit of `semmap.limits`
         inferred : see inferences, too
+        plan : put the server's plan and its times into the explanation, after each statement
 
         Raises
         ------
@@ -56,7 +58,7 @@ class MapKnowledge(MapReasoning):
         from semmap.knowledge.queries import query
 
         with self.reading() as session:
-            return query(session, text, seconds=seconds, rows=rows, inferred=inferred)
+            return query(session, text, seconds=seconds, rows=rows, inferred=inferred, plan=plan)
 
     def update(self, text: str, *, seconds: float | None = None) -> GraphChanges:
         """Carry out an update of SPARQL 1.1, as a whole or not at all.

@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from semmap.knowledge.reasoning.runs import Reasoned
 
 
-@command_of("Map.sparql", inferred="--told")
+@command_of("Map.sparql", inferred="--told", plan=None)
 def sparql_command(
     call: MethodCall,
     update: bool = Option(False, "--update", help="TEXT is an update: it may change the map."),
-    explain: bool = Option(False, "--explain", help="Print what is asked of fields, and the SQL."),
+    explain: bool = Option(
+        False, "--explain", help="Print what is asked of fields, the SQL and its plan."
+    ),
     watch: bool = Option(
         False, "--watch", help="Follow the map: print which rows appear and disappear."
     ),
@@ -49,7 +51,7 @@ def sparql_command(
         else:
             print(f"{changes.added} added, {changes.removed} removed")
     else:
-        _show(call(text=text), explain, json_)
+        _show(call(text=text, plan=explain), explain, json_)
 
 
 def _watch(call: MethodCall, text: str, json_: bool) -> None:

@@ -45,6 +45,7 @@ class MapView:
     statements: list[str] = field(default_factory=list)  # what was asked, of SQL and of fields
     chosen: Chosen | None = None  # the graphs that a text chooses to read
     notes: list[str] = field(default_factory=list)  # what the answers say nothing of
+    plans: bool = False  # whether the plan of each statement is read, too
     # subjects and objects of facts that were changed
     touched: set[Any] = field(default_factory=set)
 
@@ -121,6 +122,10 @@ class MapView:
         """Return the solutions of a statement."""
         values = (f"\n-- {name} = {value!r}" for name, value in statement.parameters.items())
         self.statements.append(statement.sql + "".join(values))
+        if self.plans:
+            sql = f"EXPLAIN (ANALYZE, BUFFERS, SETTINGS) {statement.sql}"
+            plan = self.session.execute(sql.encode(), statement.parameters, prepare=False)
+            self.statements.append("\n".join(line for (line,) in plan))
         for _ in range(_TRIES):
             self.check_time()
             with self.session.cursor() as cursor:

@@ -54,10 +54,12 @@ def query(
     rows: int | None = None,
     inferred: bool = True,
     dataset: Chosen | None = None,
+    plan: bool = False,
 ) -> Answer:
     """Answer a query on the map that a session sees, in SPARQL 1.1 or the notation of reMap.
 
     Limits are by default those of `semmap.limits`. Without `inferred`, inferences are not seen.
+    With `plan`, the explanation has the server's plan after each statement, which runs twice.
     `dataset` has the graphs to read in place of those of FROM and FROM NAMED. Raises QueryError,
     with line and column; KnowledgeError beyond a limit; LookupError where no map is chosen.
     """
@@ -66,10 +68,11 @@ def query(
         raise ValueError(f"rows is {rows}: give a number of at least 1")
     stop = _checked(seconds)
     key = (text, most, inferred, dataset)
-    known: Answer | None = KEPT.ask(session, key, stop)
+    known: Answer | None = None if plan else KEPT.ask(session, key, stop)
     if known is not None:
         return known
     with limited_view(session, stop) as view:
+        view.plans = plan
         if not inferred:
             view.inferred = NOTHING_INFERRED
         parsed = view.parsed(text)

@@ -392,3 +392,19 @@ def test_a_wide_answer_may_have_fewer_rows(loft: psycopg.Connection) -> None:
     assert len(query(loft, narrow, rows=rows).rows) == rows
     with pytest.raises(KnowledgeError, match=f"more than {10 * rows // 21:,} rows"):
         query(loft, f"SELECT * {{ ?x semmap:name ?n . {more} }}", rows=rows)
+
+
+def test_an_explanation_has_the_plan_where_it_is_asked_for(loft: psycopg.Connection) -> None:
+    text = "SELECT ?x { ?x a semmap:Sofa }"
+    with_plan = query(loft, text, plan=True)
+    assert with_plan.rows == query(loft, text).rows
+    sql, plan = with_plan.explanation
+    assert sql.startswith("SELECT")
+    assert "object_type" in plan
+    assert "Execution Time" in plan
+    assert query(loft, text).explanation == (sql,)
+    why, sql, plan = query(
+        loft, "SELECT (BNODE(?x) AS ?n) { ?x a semmap:Sofa }", plan=True
+    ).explanation
+    assert why.startswith("evaluated by rdflib, because")
+    assert "Execution Time" in plan
