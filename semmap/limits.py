@@ -92,7 +92,8 @@ ELEMENTS = Limit(
     "elements",
     2_000_000,
     "values",
-    "a YAML file, aliases unfolded; lists and objects of JSON; elements of XML; facts of RDF",
+    "a YAML file, aliases unfolded; lists and objects of JSON; elements of XML; facts of RDF; "
+    "features of a GeoPackage",
 )
 RDF_CHARACTERS = Limit(
     "rdf_characters", 2**29, "characters", "the facts of an RDF file, prefixes unfolded"
