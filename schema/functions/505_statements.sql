@@ -14,7 +14,7 @@ RETURNS bigint[] LANGUAGE plpgsql SET search_path = semmap, public, pg_temp SET 
 DECLARE
     found bigint[];
 BEGIN
-    FOR attempt IN 1..3 LOOP
+    FOR attempt IN 1..2 LOOP
         BEGIN  -- without ON CONFLICT, which takes twice the time
             WITH given AS MATERIALIZED (
                 SELECT g.text COLLATE "C" AS text, g.tag COLLATE "C" AS tag, g.n
@@ -30,6 +30,9 @@ BEGIN
                 FROM given g LEFT JOIN known k ON k.n = g.n LEFT JOIN added a ON k.n IS NULL AND a.text = g.text AND a.tag = g.tag;
             RETURN found;
         EXCEPTION WHEN unique_violation THEN  -- another transaction added one meanwhile
+            INSERT INTO semmap.term (text, tag)
+                SELECT DISTINCT g.text COLLATE "C", g.tag COLLATE "C" FROM unnest(texts, tags) g (text, tag) ORDER BY 1, 2
+                ON CONFLICT DO NOTHING;
         END;
     END LOOP;
     RAISE EXCEPTION 'terms of these statements were added at the same time'

@@ -188,7 +188,9 @@ class World:
 
 
 def unique_name(name: str, taken: Container[str]) -> str:
-    """Return `name`, with a free suffix `_2`, `_3`, ... if it is taken: the first but for gaps.
+    """Return `name`, with a free suffix `_2`, `_3`, ... if it is taken.
+
+    It is the first one where the numbers have no gap.
 
     >>> unique_name("chair", {"chair", "chair_2"})
     'chair_3'

@@ -150,7 +150,7 @@ class FactWriter:
             self._until = view.value(end, lifespan)
         self._constants = Constants({})
         self._blank: dict[str, str] = {}
-        self._ends: dict[Any, int] = {}  # of the facts that were resolved last
+        self._ends: dict[Any, int] = {}  # of one command
         self._terms: dict[tuple[str, str], int] = {}
         self._known_types: set[Any] = set()
         # The IRI of a type by which queries find what other IRIs of it state.
@@ -171,6 +171,7 @@ class FactWriter:
             while some := list(islice(rest, _BATCH)):
                 if len(some) == _BATCH and session.pgconn.pipeline_status == PipelineStatus.OFF:
                     stack.enter_context(session.pipeline())
+                self._refuse_unwritable(some)
                 some = self._resolved(some)
                 foreign = {each: self._is_foreign(each) for each in {f.subject for f in some}}
                 statements = []
@@ -214,10 +215,7 @@ class FactWriter:
     def _resolved(self, facts: Iterable[Fact]) -> list[Fact]:
         """Return facts without repetitions; look up what their IRIs stand for."""
         found = list(dict.fromkeys(facts))
-        terms = dict.fromkeys(term for fact in found for term in fact)
-        for term in terms:
-            if reason := _unwritable(term):
-                raise RefusedError(reason, next(fact for fact in found if term in fact))
+        terms = {term for fact in found for term in fact}
         iris = {str(term) for term in terms if isinstance(term, rdflib.URIRef)}
         view = self._view
         if len(iris) > _FEW:
@@ -225,8 +223,13 @@ class FactWriter:
         self._constants = (
             resolve(view.session, iris, view.namespace, view.number) if iris else Constants({})
         )
-        self._ends, self._terms = {}, {}
         return found
+
+    @staticmethod
+    def _refuse_unwritable(facts: list[Fact]) -> None:
+        for term in dict.fromkeys(term for fact in facts for term in fact):
+            if reason := _unwritable(term):
+                raise RefusedError(reason, next(fact for fact in facts if term in fact))
 
     @cached_property
     def _classes(self) -> frozenset[str]:
@@ -236,6 +239,7 @@ class FactWriter:
     def _change_statements(self, some: list[tuple[Fact, str]], sql: str) -> Stated:
         """Send one command, the result of which is not waited for in a pipeline."""
         self._view.check_time()
+        self._ends, self._terms = {}, {}
         rows = {self._quad(fact, iri) for fact, iri in some}
         columns = [f"{{{','.join(map(str, column))}}}" for column in zip(*rows, strict=True)]
         terms = [json.dumps(list(column)) for column in zip(*self._terms, strict=True)]

@@ -66,7 +66,9 @@ def _facts_of(text: str, format_: str, source: Path, base: str) -> Iterator[Fact
         _refuse_blow_up(text, source)
     refuse_unfolding(text, format_, source)
     try:
-        quads = pyoxigraph.parse(text, format=RDF_FORMATS[format_], base_iri=base)
+        quads = pyoxigraph.parse(
+            text, format=RDF_FORMATS[format_], base_iri=base, rename_blank_nodes=True
+        )
         yield from _limited_facts(quads, source)
     except MemoryError as error:  # of pyoxigraph's buffer
         problem = f"has a term that is too long: {error}"

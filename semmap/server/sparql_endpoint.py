@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from email import message_from_bytes
+from email import message_from_bytes, message_from_string
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl
+from urllib.parse import parse_qsl, quote
 from uuid import uuid4
 
 import psycopg
@@ -35,6 +36,7 @@ from semmap.knowledge.updates import update
 from semmap.knowledge.vocabulary import IRI, graph_iri, graph_names
 from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
 from semmap.language.error import QueryError
+from semmap.limits import RDF_CHARACTERS
 from semmap.server.handles import Handles
 from semmap.server.requests import body_of, client_of, map_of
 from semmap.server.service_description import service_description
@@ -56,6 +58,9 @@ MOST_BYTES = 2**20
 
 NOTE = "Semmap-Note"
 """The header of what an answer notes, such as a name that the map does not have."""
+
+MOST_NOTE, MOST_PARTS = 500, 100  # characters of a header, and files of a request
+_MARKS = "%/:?#[]@!$&'()*+,;=~"  # of an IRI, which its URL has, too
 
 GRAPH_METHODS = ["GET", "HEAD", "PUT", "POST", "DELETE"]
 
@@ -84,7 +89,7 @@ class SparqlEndpoint:
         ]
 
     async def _sparql(self, request: Request) -> Response:
-        if request.method == "GET" and not request.query_params:
+        if request.method in ("GET", "HEAD") and not request.query_params:
             return await self._in_turn(request, "", lambda: self._described(request))
         kind, text, dataset = await _read(request)
         if kind == "update":
@@ -102,12 +107,13 @@ class SparqlEndpoint:
             kind = _chosen(accept, RESULT_FORMATS if answer.form == "SELECT" else TRUTH_FORMATS)
             response = Response(RESULT_FORMATS[kind](answer), media_type=kind)
         for note in answer.notes:
-            response.headers.append(NOTE, note.encode("ascii", "backslashreplace").decode())
+            shown = "".join(each if each.isprintable() else " " for each in note)[:MOST_NOTE]
+            response.headers.append(NOTE, shown.encode("ascii", "backslashreplace").decode())
         return response
 
     def _described(self, request: Request) -> Response:
         with self._session(request) as session:
-            return _as_graph(request, service_description(session, str(request.url)))
+            return _as_graph(request, service_description(session, _address(request)))
 
     def _update(self, request: Request, text: str, dataset: Chosen | None) -> Response:
         try:
@@ -123,14 +129,16 @@ class SparqlEndpoint:
         named = request.query_params.get("graph") or None
         is_new = request.method == "POST" and request.url.path.endswith("/graph")
         if "at" in request.path_params:  # its address is its name (section 4.1)
-            named = str(request.url)
+            named = _address(request)
         elif is_new and not request.query_params:  # section 5.5
-            named = f"{request.url}/{uuid4()}"
+            named = f"{_address(request)}/{uuid4()}"
         elif (named is None) == ("default" not in request.query_params):
             raise HTTPException(400, "name a graph: ?graph=IRI or ?default")
         if request.method in ("GET", "HEAD"):
             return await self._in_turn(request, "", lambda: self._read_graph(request, named))
         self._writer(request)
+        if named is not None and request.method != "DELETE" and not IRI.fullmatch(named):
+            raise HTTPException(400, f"{named!r} is not the IRI of a graph")
         if named is None and request.method != "POST":
             raise HTTPException(403, "the default graph is the map: it is not replaced")
         body = await body_of(request, MOST_BYTES)
@@ -166,8 +174,8 @@ class SparqlEndpoint:
         kind = request.headers.get("content-type", "text/turtle")
         new: list[Fact] = []
         if method != "DELETE":
-            base = named or str(request.url)  # as the standard has it
-            parsed = [fact for part in _parts(kind, body) for fact in _parsed(*part, base)]
+            base = named or _address(request)  # as the standard has it
+            parsed = _parsed(_parts(kind, body), base)
             graph = None if named is None else rdflib.URIRef(named)
             new = [fact._replace(graph=graph) for fact in parsed]
         with self._session(request) as session, limited_view(session, self._seconds) as view:
@@ -183,7 +191,7 @@ class SparqlEndpoint:
                 FactWriter(view).insert(new)
         if method == "DELETE" and not existed:
             raise HTTPException(404, f"there is no graph <{named}>")
-        at = {"Location": named} if named and not existed else None
+        at = {"Location": quote(named, safe=_MARKS)} if named and not existed else None
         return Response(status_code=204 if existed else 201, headers=at)
 
     def _writer(self, request: Request) -> None:
@@ -197,24 +205,45 @@ class SparqlEndpoint:
 
 
 def _parts(kind: str, body: bytes) -> list[tuple[str, bytes]]:
-    """Return the media types and contents of a body, which may have several files."""
+    """Return the media types and contents of a body, which may have several files (RFC 2046)."""
     if not kind.startswith("multipart/"):
         return [(kind, body)]
-    found = message_from_bytes(b"Content-Type: " + kind.encode("latin-1") + b"\r\n\r\n" + body)
-    if found.defects or not found.is_multipart():
+    boundary = message_from_string(f"Content-Type: {kind}\n\n").get_boundary() or ""
+    _, *parts = (b"\r\n" + body).split(b"\r\n--" + boundary.encode("latin-1"))
+    if not boundary or len(parts) < 2 or not parts[-1].startswith(b"--"):
         raise HTTPException(400, "the request has no parts that can be read")
-    contents = ((p["content-type"] or "", p.get_payload(decode=True)) for p in found.walk())
-    return [(kind, content) for kind, content in contents if isinstance(content, bytes)]
+    if len(parts) > MOST_PARTS:
+        raise HTTPException(400, f"the request has more than {MOST_PARTS} parts")
+    split = (part.partition(b"\r\n\r\n") for part in parts[:-1])
+    return [
+        (message_from_bytes(head.lstrip() + b"\r\n\r\n")["content-type"] or "", content)
+        for head, _, content in split
+    ]
 
 
-def _parsed(kind: str, body: bytes, base: str) -> list[Fact]:
-    kind = kind.split(";")[0].strip().lower()
-    if kind not in GRAPH_FORMATS:
-        raise HTTPException(415, f"{kind} is not one of {', '.join(GRAPH_FORMATS)}")
-    try:
-        return parse_facts(body.decode(), GRAPH_FORMATS[kind], Path("request"), base)
-    except (WorldError, UnicodeDecodeError) as error:
-        raise HTTPException(400, str(error)) from error
+def _address(request: Request) -> str:
+    """Return the address of a request as it was sent, without its query."""
+    return str(request.url.replace(path=request.scope["raw_path"].decode("ascii"), query=""))
+
+
+def _parsed(parts: list[tuple[str, bytes]], base: str) -> list[Fact]:
+    """Return the facts of files, which have one limit together."""
+    found: list[Fact] = []
+    characters = 0
+    for type_, content in parts:
+        kind = type_.split(";")[0].strip().lower()
+        if kind not in GRAPH_FORMATS:
+            raise HTTPException(415, f"{kind} is not one of {', '.join(GRAPH_FORMATS)}")
+        try:
+            new = parse_facts(content.decode(), GRAPH_FORMATS[kind], Path("request"), base)
+            characters += sum(len(term) for fact in new for term in fact[:3])
+            RDF_CHARACTERS.check(
+                characters, partial(WorldError, Path("request"), "file"), "Send fewer files."
+            )
+        except (WorldError, UnicodeDecodeError) as error:
+            raise HTTPException(400, str(error)) from error
+        found += new
+    return found
 
 
 def _as_graph(request: Request, graph: rdflib.Graph) -> Response:
@@ -234,7 +263,7 @@ def _validated(request: Request, response: Response) -> Response:
     tag = f'W/"{sha256(bytes(response.body)).hexdigest()[:32]}"'
     headers = {"ETag": tag, "Vary": "Accept, Authorization"}
     known = request.headers.get("if-none-match", "")
-    if tag in (each.strip() for each in known.split(",")):
+    if {tag, "*"} & {each.strip() for each in known.split(",")}:
         return Response(status_code=304, headers=headers)
     response.headers.update(headers)
     return response

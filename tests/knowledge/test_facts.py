@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import psycopg
 import pytest
 import rdflib
 
 from semmap.ingest.world import WorldError
-from semmap.knowledge.facts import Fact
+from semmap.knowledge.facts import Fact, FactWriter
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import COMPUTED
 from semmap.knowledge.queries import query
@@ -200,6 +201,35 @@ def test_facts_are_stated_in_parts(
         "WHERE e.name = 'bowl' AND e.id IN (s.subject_id, s.object_id)"
     ).fetchone()
     assert row == (5,)
+
+
+def test_a_command_has_its_own_terms_alone(
+    changing: psycopg.Connection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("semmap.knowledge.facts._BATCH", 3)
+    sent: list[int] = []
+    made = FactWriter._change_statements
+
+    def counted(self: FactWriter, some: list[tuple[Fact, str]], sql: str) -> Any:
+        found = made(self, some, sql)
+        sent.append(len(self._terms))
+        return found
+
+    monkeypatch.setattr(FactWriter, "_change_statements", counted)
+    table = MapView.of(changing).namespace + "table"
+    lines = "".join(f"<{table}> <http://example.org/p{n}> {n} .\n" for n in range(9))
+    path = Path("a.ttl")
+    assert store_facts(changing, parse_facts(lines, "turtle", path), path) == 9
+    assert update(changing, f"DELETE DATA {{ {lines} }}").removed == 9
+    assert sent == [6] * 6
+
+
+def test_a_statement_that_no_file_can_have_is_taken_back(changing: psycopg.Connection) -> None:
+    changing.execute(
+        "INSERT INTO statement (map_id, subject, predicate, object, tag) "
+        "VALUES (current_map(), 'urn:a', 'urn:b', 'no IRI', 'I')"
+    )
+    assert update(changing, "DELETE WHERE { <urn:a> ?p ?o }").removed == 1
 
 
 @pytest.mark.parametrize("batch", [2, 10_000])

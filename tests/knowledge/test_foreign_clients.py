@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 from collections.abc import Iterator
+from urllib.parse import quote, unquote
 
 import httpx
 import pyoxigraph
@@ -67,6 +68,7 @@ def test_an_unchanged_answer_is_not_sent_again(client: httpx.Client) -> None:
     again = client.get("/graph", params=name, headers=known)
     assert (again.status_code, again.content) == (304, b"")
     assert client.get("/graph", params=name, headers={"If-None-Match": '"x"'}).text == first.text
+    assert client.get("/graph", params=name, headers={"If-None-Match": "*"}).status_code == 304
     xml = client.get("/graph", params=name, headers={**known, "Accept": "application/rdf+xml"})
     assert xml.status_code == 200
     client.post("/graph", params=name, content="<urn:a> <urn:b> 2 .", headers=TURTLE)
@@ -138,6 +140,63 @@ def test_a_new_graph_has_a_name_of_its_own(client: httpx.Client) -> None:
     assert client.get(at).status_code == 404
 
 
+@pytest.mark.parametrize("name", ["http://ex/日本", "urn:x:é"])
+def test_a_graph_of_any_iri_is_made(client: httpx.Client, name: str) -> None:
+    made = client.put(
+        "/graph", params={"graph": name}, content="<urn:a> <urn:b> 1 .", headers=TURTLE
+    )
+    assert made.status_code == 201
+    assert unquote(made.headers["location"]) == name
+    assert client.get("/graph", params={"graph": name}).status_code == 200
+    assert client.delete("/graph", params={"graph": name}, headers=TURTLE).status_code == 204
+    broken = client.put("/graph", params={"graph": f"{name}\r\nX: y"}, content="", headers=TURTLE)
+    assert broken.status_code == 400
+
+
+def test_addresses_of_a_map_of_any_name(loft_map: Map) -> None:
+    strange = "my house/日 #1"
+    with serving(loft_map) as client:
+        loft_map.database.create_map(strange)
+        try:
+            base = f"{str(client.base_url).removesuffix('loft/rdf/')}{quote(strange, safe='')}/rdf"
+            described = client.get(f"{base}/sparql", headers={"Accept": "text/turtle"})
+            found = rdflib.Graph().parse(data=described.text, format="turtle")
+            assert set(found[: SD.endpoint : rdflib.URIRef(f"{base}/sparql")])
+            assert client.head(f"{base}/sparql").status_code == 200
+            at = client.post(f"{base}/graph", content="<#a> <urn:b> 1 .", headers=TURTLE)
+            assert at.headers["location"].startswith(f"{base}/graph/")
+            written = client.get(at.headers["location"], headers={"Accept": "text/turtle"})
+            assert f"{at.headers['location']}#a" in written.text
+            for name in ("a%20b", "a%23b", "a%2Fb"):
+                own = f"{base}/graph/{name}"
+                assert client.put(own, content="<> <urn:b> 1 .", headers=TURTLE).is_success
+                triples = client.get(f"{own}?x=1", headers={"Accept": "application/n-triples"})
+                assert triples.text.startswith(f"<{own}> ")
+        finally:
+            loft_map.database.drop_map(strange)
+
+
+def test_blank_nodes_belong_to_a_file(client: httpx.Client) -> None:
+    name = {"graph": "http://example.org/blank"}
+    files = {k: (f"{k}.ttl", f"_:a <urn:{k}> 1 .", "text/turtle") for k in ("one", "two")}
+    assert client.post("/graph", params=name, files=files, headers=bearer(WRITER)).is_success
+    written = rdflib.Graph().parse(data=client.get("/graph", params=name).text, format="turtle")
+    assert len(set(written.subjects())) == 2
+    client.delete("/graph", params=name, headers=TURTLE)
+
+
+def test_a_form_may_not_nest_nor_have_any_number_of_files(client: httpx.Client) -> None:
+    name = {"graph": "http://example.org/many-files"}
+    part = "--x\r\nContent-Type: {}\r\n\r\n{}\r\n"
+    headers = {**bearer(WRITER), "Content-Type": "multipart/form-data; boundary=x"}
+    for inner in (
+        part.format("text/turtle", "<urn:a> <urn:b> 1 .") * 101,
+        "".join(part.format(f"multipart/mixed; boundary=y{n}", f"--y{n}") for n in range(2)),
+    ):
+        sent = client.post("/graph", params=name, content=f"{inner}--x--\r\n", headers=headers)
+        assert sent.status_code in (400, 415)
+
+
 def test_files_of_a_form_are_one_graph(client: httpx.Client) -> None:
     name = {"graph": "http://example.org/form"}
     files = {
@@ -166,6 +225,9 @@ def test_unknown_names_are_noted(client: httpx.Client) -> None:
     assert answer.json()["boolean"] is False
     notes = answer.headers.get_list("semmap-note")
     assert any("Sofaa" in each and "semmap:Sofa" in each for each in notes)
+    broken = client.get("/sparql", params={"query": "ASK { ?s a <urn:semmap:type#a%0Ab%0D> }"})
+    assert broken.json()["boolean"] is False
+    assert "a b" in broken.headers["semmap-note"]
     assert "semmap-note" not in client.get("/sparql", params={"query": QUERY}).headers
 
 

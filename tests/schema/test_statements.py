@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import psycopg
@@ -142,3 +143,29 @@ def test_statements_of_earlier_versions(make_database: MakeDatabase) -> None:
         assert db.map("loft").sparql("ASK { ?x <http://e/of> 5 }").truth
         update = "INSERT DATA { :mug <http://e/of> 6 }"
         assert db.map("loft").update(update).added == 1
+
+
+@pytest.mark.parametrize("isolation", ["READ COMMITTED", "REPEATABLE READ"])
+def test_terms_that_others_add_meanwhile_are_found(stating: semmap.Map, isolation: str) -> None:
+    ask = b"SELECT semmap.term_ids(ARRAY['urn:1', 'urn:2', 'urn:3'], ARRAY['I', 'I', 'I'])"
+    url = stating.database.address.replace("+psycopg", "")
+    with psycopg.connect(url) as one, psycopg.connect(url) as two, ThreadPoolExecutor() as pool:
+        two.execute(f"SET TRANSACTION ISOLATION LEVEL {isolation}".encode())
+        two.execute("SELECT 1 FROM pg_class")  # it has a snapshot
+        first = one.execute("SELECT semmap.term_ids(ARRAY['urn:2'], ARRAY['I'])").fetchone()
+        waiting = pool.submit(lambda: two.execute(ask).fetchone())
+        while waiting.running() and not one.execute(_WAITING).fetchone():
+            pass
+        one.commit()
+        if isolation == "REPEATABLE READ":
+            with pytest.raises(psycopg.errors.SerializationFailure):
+                waiting.result()
+            return
+        row = waiting.result()
+        assert first is not None
+        assert row is not None
+        assert row[0][1] == first[0][0]
+        assert len(set(row[0])) == 3
+
+
+_WAITING = "SELECT 1 FROM pg_locks WHERE NOT granted"

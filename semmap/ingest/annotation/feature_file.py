@@ -424,12 +424,18 @@ def _read_geopackage(path: Path) -> FeatureFile:
         warnings.simplefilter("ignore")  # GDAL's remarks on the CRS, which is not used
         try:
             _read_metadata(path, out)
-            for layer in (str(name) for name, _ in pyogrio.list_layers(path)):
-                if layer not in STYLE_LAYERS:
-                    _read_layer(path, layer, out)
+            for layer in _layers(path):
+                _read_layer(path, layer, out)
         except (RuntimeError, ValueError) as error:
             raise _not_a_geopackage(path, error) from error
     return out
+
+
+def _layers(path: Path) -> list[str]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of columns that no layer has
+        names = [str(name) for name, _ in pyogrio.list_layers(path)]
+    return [name for name in names if name not in STYLE_LAYERS]
 
 
 def _read_metadata(path: Path, out: FeatureFile) -> None:
@@ -439,12 +445,10 @@ def _read_metadata(path: Path, out: FeatureFile) -> None:
         _read_georeference(json.loads(about["georeference"]), out)
 
 
-_LAYERS = """
-SELECT c.table_name FROM gpkg_contents c JOIN sqlite_master m ON lower(m.name) = lower(c.table_name)
-"""
 _COMPUTED = """
 SELECT m.name FROM sqlite_master m WHERE m.type = 'view'
-UNION SELECT m.name FROM sqlite_master m, pragma_table_xinfo(m.name) c WHERE c.hidden > 1
+UNION SELECT m.name FROM sqlite_master m, pragma_table_xinfo(m.name) c
+WHERE m.type = 'table' AND m.sql NOT LIKE 'CREATE VIRTUAL%' AND c.hidden = 2
 """
 """The views, and the tables with columns that are calculated: a small file would unfold to much."""
 
@@ -460,12 +464,14 @@ def _check_sqlite(path: Path) -> None:
         with contextlib.closing(sqlite3.connect(address, uri=True)) as database:
             found = database.execute("PRAGMA quick_check(1)").fetchone()[0]
             _refuse_computed(database, path, ["gpkg_contents"])
-            layers = [str(name) for (name,) in database.execute(_LAYERS)]
+            layers = _layers(path)  # also those that are not in gpkg_contents
             _refuse_computed(database, path, layers)
             quoted = (layer.replace('"', '""') for layer in layers)
             rows = (database.execute(f'SELECT count(*) FROM "{q}"').fetchone()[0] for q in quoted)
             ELEMENTS.check(sum(rows), refused, "Split it into several files.")
-    except sqlite3.Error as error:
+    except (sqlite3.Error, RuntimeError, ValueError) as error:
+        if isinstance(error, WorldError):
+            raise
         raise _not_a_geopackage(path, error) from error
     if found != "ok":
         raise _not_a_geopackage(path, found)
