@@ -32,7 +32,7 @@ Mode = Literal["trinary", "scale", "raw"]
 ROWS_AT_ONCE = 256
 """Rows of an image that are computed at once: shades take many bytes a pixel."""
 
-_FINEST = 1e-6  # metres a cell: indices of cells stay within 64 bits
+_FINEST = 1e-12  # metres a cell: indices of cells stay within 64 bits
 
 # A trinary map's unknown cells are grey 205, whose occupancy 1 - 205/255 = 0.1961 lies below the
 # free_thresh of 0.25 that map_saver writes by default: map_server would read them as free.
