@@ -1,4 +1,4 @@
-"""What requests say: their map, the role of their token, and a body that is not too large."""
+"""What requests say: their map, the role of their token, and a body with its files."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 import hmac
 import re
 from collections.abc import Mapping
+from email import message_from_bytes, message_from_string
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -14,6 +15,8 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 _SLASH = "\x1f"
+
+MOST_FILES = 100  # of a request
 
 SECONDS_TO_SEND = 20
 """Seconds that a client has to send the head of a request, and then its body."""
@@ -43,6 +46,28 @@ def client_of(request: Request) -> str:
     """The client of a request: its token, else its address."""
     address = request.client.host if request.client else ""
     return request.headers.get("authorization", address)
+
+
+def files_of(kind: str, body: bytes) -> list[tuple[str, bytes]]:
+    """The media types and contents of a body, which may have several files (RFC 2046)."""
+    if not kind.startswith("multipart/"):
+        return [(kind, body)]
+    boundary = message_from_string(f"Content-Type: {kind}\n\n").get_boundary() or ""
+    _, *parts = (b"\r\n" + body).split(b"\r\n--" + boundary.encode("latin-1"))
+    if not boundary or len(parts) < 2 or not parts[-1].startswith(b"--"):
+        raise HTTPException(400, "the request has no parts that can be read")
+    if len(parts) > MOST_FILES:
+        raise HTTPException(400, f"the request has more than {MOST_FILES} files")
+    split = (part.partition(b"\r\n\r\n") for part in parts[:-1])
+    return [
+        (message_from_bytes(head.lstrip() + b"\r\n\r\n")["content-type"] or "", content)
+        for head, _, content in split
+    ]
+
+
+def address_of(request: Request) -> str:
+    """The address of a request as it was sent, without its query."""
+    return str(request.url.replace(path=request.scope["raw_path"].decode("ascii"), query=""))
 
 
 async def body_of(request: Request, most_bytes: int) -> bytes:

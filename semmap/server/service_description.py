@@ -17,7 +17,7 @@ SD = Namespace("http://www.w3.org/ns/sparql-service-description#")
 FORMAT = Namespace("http://www.w3.org/ns/formats/")
 
 RESULTS = ("SPARQL_Results_JSON", "SPARQL_Results_XML", "SPARQL_Results_CSV", "SPARQL_Results_TSV")
-GRAPHS = ("Turtle", "N-Triples", "JSON-LD", "RDF_XML", "TriG", "N-Quads")
+GRAPHS = ("Turtle", "N-Triples", "JSON-LD", "RDF_XML")
 
 _NAMED = """
 SELECT g.text, count(*) FROM triple t JOIN term g ON g.id = t.graph
@@ -41,7 +41,7 @@ def service_description(session: Session, url: str) -> rdflib.Graph:
         found.add((service, SD.endpoint, address))
         found.add((service, SD.supportedLanguage, language))
         found.add((service, SD.defaultDataset, data))
-    for name in (*RESULTS, *GRAPHS[:4]):
+    for name in (*RESULTS, *GRAPHS):
         found.add((reads, SD.resultFormat, FORMAT[name]))
     for kind in (SD.Dataset, VOID.Dataset):
         found.add((data, RDF.type, kind))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from email import message_from_bytes, message_from_string
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -38,7 +37,7 @@ from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
 from semmap.language.error import QueryError
 from semmap.limits import RDF_CHARACTERS
 from semmap.server.handles import Handles
-from semmap.server.requests import body_of, client_of, map_of
+from semmap.server.requests import address_of, body_of, client_of, files_of, map_of
 from semmap.server.service_description import service_description
 from semmap.server.turns import Turns
 
@@ -59,7 +58,7 @@ MOST_BYTES = 2**20
 NOTE = "Semmap-Note"
 """The header of what an answer notes, such as a name that the map does not have."""
 
-MOST_NOTE, MOST_PARTS = 500, 100  # characters of a header, and files of a request
+MOST_NOTE = 500  # characters of a header
 _MARKS = "%/:?#[]@!$&'()*+,;=~"  # of an IRI, which its URL has, too
 
 GRAPH_METHODS = ["GET", "HEAD", "PUT", "POST", "DELETE"]
@@ -113,7 +112,7 @@ class SparqlEndpoint:
 
     def _described(self, request: Request) -> Response:
         with self._session(request) as session:
-            return _as_graph(request, service_description(session, _address(request)))
+            return _as_graph(request, service_description(session, address_of(request)))
 
     def _update(self, request: Request, text: str, dataset: Chosen | None) -> Response:
         try:
@@ -129,9 +128,9 @@ class SparqlEndpoint:
         named = request.query_params.get("graph") or None
         is_new = request.method == "POST" and request.url.path.endswith("/graph")
         if "at" in request.path_params:  # its address is its name (section 4.1)
-            named = _address(request)
+            named = address_of(request)
         elif is_new and not request.query_params:  # section 5.5
-            named = f"{_address(request)}/{uuid4()}"
+            named = f"{address_of(request)}/{uuid4()}"
         elif (named is None) == ("default" not in request.query_params):
             raise HTTPException(400, "name a graph: ?graph=IRI or ?default")
         if request.method in ("GET", "HEAD"):
@@ -174,8 +173,8 @@ class SparqlEndpoint:
         kind = request.headers.get("content-type", "text/turtle")
         new: list[Fact] = []
         if method != "DELETE":
-            base = named or _address(request)  # as the standard has it
-            parsed = _parsed(_parts(kind, body), base)
+            base = named or address_of(request)  # as the standard has it
+            parsed = _parsed(files_of(kind, body), base)
             graph = None if named is None else rdflib.URIRef(named)
             new = [fact._replace(graph=graph) for fact in parsed]
         with self._session(request) as session, limited_view(session, self._seconds) as view:
@@ -204,33 +203,11 @@ class SparqlEndpoint:
             yield database.map(map_of(request)).connection
 
 
-def _parts(kind: str, body: bytes) -> list[tuple[str, bytes]]:
-    """Return the media types and contents of a body, which may have several files (RFC 2046)."""
-    if not kind.startswith("multipart/"):
-        return [(kind, body)]
-    boundary = message_from_string(f"Content-Type: {kind}\n\n").get_boundary() or ""
-    _, *parts = (b"\r\n" + body).split(b"\r\n--" + boundary.encode("latin-1"))
-    if not boundary or len(parts) < 2 or not parts[-1].startswith(b"--"):
-        raise HTTPException(400, "the request has no parts that can be read")
-    if len(parts) > MOST_PARTS:
-        raise HTTPException(400, f"the request has more than {MOST_PARTS} parts")
-    split = (part.partition(b"\r\n\r\n") for part in parts[:-1])
-    return [
-        (message_from_bytes(head.lstrip() + b"\r\n\r\n")["content-type"] or "", content)
-        for head, _, content in split
-    ]
-
-
-def _address(request: Request) -> str:
-    """Return the address of a request as it was sent, without its query."""
-    return str(request.url.replace(path=request.scope["raw_path"].decode("ascii"), query=""))
-
-
-def _parsed(parts: list[tuple[str, bytes]], base: str) -> list[Fact]:
+def _parsed(files: list[tuple[str, bytes]], base: str) -> list[Fact]:
     """Return the facts of files, which have one limit together."""
     found: list[Fact] = []
     characters = 0
-    for type_, content in parts:
+    for type_, content in files:
         kind = type_.split(";")[0].strip().lower()
         if kind not in GRAPH_FORMATS:
             raise HTTPException(415, f"{kind} is not one of {', '.join(GRAPH_FORMATS)}")
