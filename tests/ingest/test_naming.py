@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -126,3 +128,14 @@ def test_unique_names_are_unique_and_keep_the_first(names: list[str]) -> None:
         taken.append(unique_name(name, taken))
         assert taken[-1] == name or name in taken[:-1]
     assert len(set(taken)) == len(taken)
+
+
+@given(st.integers(0, 40), st.sets(st.integers(2, 60)))
+def test_a_free_suffix_is_the_first_where_there_is_no_gap(dense: int, others: set[int]) -> None:
+    """Oracle: each number is tried."""
+    taken = {"a", *(f"a_{number}" for number in range(2, dense + 2))}
+    assert unique_name("a", taken) == next(f"a_{n}" for n in count(2) if f"a_{n}" not in taken)
+    taken |= {f"a_{number}" for number in others}
+    found = unique_name("a", taken)
+    assert found not in taken
+    assert re.fullmatch("a_[1-9][0-9]*", found)
