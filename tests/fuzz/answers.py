@@ -19,6 +19,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 import semmap
+from semmap.limits import NO_CHARACTER
 from tests.fields.service.ros_recordings import TYPES, transforms
 from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import WORDS, bytes_of, lines_of, words_of, yaml_tree
@@ -71,6 +72,8 @@ def run_names(data: bytes, folder: Path) -> None:
     file = folder / "case.geojson"
     file.write_text(house_of(names))
     with case_map(file) as house:
+        # An object whose name or label has a character that no text has is left out.
+        assert len(house.objects) == (not NO_CHARACTER.search(names["cup"] + names["type"]))
         check_exports(house, folder)
 
 
@@ -88,7 +91,7 @@ def check_exports(house: semmap.Map, folder: Path) -> None:
     with zipfile.ZipFile(folder / "a.qgz") as packed:
         for name in packed.namelist():
             ElementTree.fromstring(packed.read(name))
-    for cup in house.objects:  # none where its label is no text
+    for cup in house.objects:
         house.export_belief([cup.name])
         search = house.search(cup.name, start=next(iter(house.rooms)).name)
         read_pomdp(search.write_pomdp(folder / "a.pomdp"))
