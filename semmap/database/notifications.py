@@ -11,6 +11,9 @@ from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import driver_of
 
+SERVER_AWAY = (psycopg.OperationalError, DBAPIError)
+"""What a statement raises while the server is away: sent by psycopg, or by SQLAlchemy."""
+
 
 def notifications(
     engine: Engine, channels: Sequence[str], stop: threading.Event, *, patience: float = 0.2
@@ -33,5 +36,5 @@ def notifications(
                 while not stop.is_set():
                     sent = driver.notifies(timeout=patience, stop_after=1)
                     yield tuple(notice.payload for notice in sent)
-        except (psycopg.OperationalError, DBAPIError):
+        except SERVER_AWAY:
             stop.wait(patience)

@@ -18,7 +18,7 @@ from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import driver_of, pick_map, see_map
-from semmap.database.notifications import notifications
+from semmap.database.notifications import SERVER_AWAY, notifications
 from semmap.query.entity_query import SETTLE
 from semmap.query.snapshot import Snapshot
 
@@ -165,7 +165,7 @@ class ChangeFeed:
                 try:
                     wake(None if again else payloads)
                     again = False
-                except (psycopg.OperationalError, DBAPIError):
+                except SERVER_AWAY:
                     again = True
                     self._server_was_away()
                     stop.wait(patience)

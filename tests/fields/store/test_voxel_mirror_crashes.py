@@ -32,15 +32,15 @@ WHERE pid <> pg_backend_pid() AND datname = current_database()
 """
 FOLLOW = """
 import sys, threading, time
-from sqlalchemy.exc import DBAPIError
 from semmap.database import DatabaseError, open_engine
+from semmap.database.notifications import SERVER_AWAY
 from semmap.fields.store.voxel_mirror import VoxelMirror
 
 while True:
     try:
         mirror = VoxelMirror.resume(open_engine(sys.argv[1]), "scene", float(sys.argv[2]))
         break
-    except (DatabaseError, DBAPIError):  # the server is away
+    except (DatabaseError, *SERVER_AWAY):  # the server is away
         time.sleep(0.05)
 mirror.follow(threading.Event(), save_every=0.0)
 """
@@ -221,10 +221,10 @@ def test_crashes_at_random_moments(own: Cluster, tmp_path: Path) -> None:
             thread.join(20)
         for mirror in mirrors:
             mirror.kill()
-            mirror.communicate()
+        printed = [mirror.communicate()[1] for mirror in mirrors]
     assert not writer.is_alive()
     assert not follower.is_alive()
-    assert {mirror.returncode for mirror in mirrors} == {-signal.SIGKILL}, "none ended by itself"
+    assert {mirror.returncode for mirror in mirrors} == {-signal.SIGKILL}, "".join(printed)
     assert writer.moves > 20
     here.catch_up()
     assert same(here, engine)
