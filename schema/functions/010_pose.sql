@@ -69,6 +69,25 @@ BEGIN ATOMIC
 SELECT ARRAY[x, y, z, 0, 0, sin(yaw / 2), cos(yaw / 2)];
 END;
 
+CREATE FUNCTION turn_to_x(line geometry)
+RETURNS double precision[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- The pose that turns the direction of a line of two points to (1, 0, 0); no turn where they are one.
+DECLARE
+    x double precision := ST_X(ST_EndPoint(line)) - ST_X(ST_StartPoint(line));
+    y double precision := ST_Y(ST_EndPoint(line)) - ST_Y(ST_StartPoint(line));
+    z double precision := ST_Z(ST_EndPoint(line)) - ST_Z(ST_StartPoint(line));
+    far double precision := sqrt(x*x + y*y + z*z);
+    w double precision := far + x;
+    n double precision := sqrt(w*w + y*y + z*z);
+BEGIN
+    IF far = 0 THEN
+        RETURN ARRAY[0, 0, 0, 0, 0, 0, 1];
+    ELSIF n = 0 THEN  -- it is (-1, 0, 0)
+        RETURN ARRAY[0, 0, 0, 0, 0, 1, 0];
+    END IF;
+    RETURN ARRAY[0, 0, 0, 0, z/n, -y/n, w/n];
+END $$;
+
 CREATE FUNCTION diagonal(geom geometry)
 RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
 BEGIN ATOMIC

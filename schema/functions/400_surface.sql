@@ -65,17 +65,18 @@ BEGIN ATOMIC
 SELECT coalesce(place.footprint, ST_MakePoint(place.pose[1], place.pose[2]));
 END;
 
-CREATE FUNCTION surface_within(thing bigint, zone geometry)
+CREATE FUNCTION surface_within(thing bigint, zone geometry, look double precision[] DEFAULT ARRAY[0, 0, 0, 0, 0, 0, 1])
 RETURNS SETOF geometry LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 100 COST 1000 SET search_path = semmap, public, pg_temp AS $$
--- The triangles (or drawn polygons, points of a cloud) of an entity, in world coordinates, whose 3D boxes
--- meet that of `zone`. The zone is taken into the model's frame, so that patches of triangles are sorted
--- out by their stored boxes, before any of them is unpacked.
+-- The triangles (or drawn polygons, points of a cloud) of an entity, in coordinates of the map turned by the pose
+-- `look`, whose 3D boxes meet that of `zone`. The zone is taken into the model's frame, so that patches of triangles
+-- are sorted out by their stored boxes, before any of them is unpacked.
 DECLARE
     at_pose double precision[];
     local geometry;
     shaped boolean;
 BEGIN
-    SELECT w.pose, w.footprint IS NOT NULL INTO at_pose, shaped FROM semmap.world w WHERE w.entity_id = thing;
+    SELECT semmap.pose_compose(look, w.pose), w.footprint IS NOT NULL INTO at_pose, shaped
+        FROM semmap.world w WHERE w.entity_id = thing;
     IF NOT shaped THEN
         RETURN QUERY SELECT p FROM ST_MakePoint(at_pose[1], at_pose[2], at_pose[3]) p
             WHERE p &&& zone AND NOT semmap.is_nowhere(thing);

@@ -63,30 +63,60 @@ BEGIN
     RETURN semmap.pose_apply(ST_3DClosestPoint(patch, local), at_pose);
 END $$;
 
+CREATE FUNCTION corners_of(thing bigint)
+RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- The points of an entity's surface that are corners of its hulls; without geometry, the point where it is.
+SELECT semmap.pose_apply(coalesce((
+    SELECT ST_CollectionExtract(ST_Collect(m.hull), 1) FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id
+    WHERE em.entity_id = thing AND (em.role = 'visual' OR NOT EXISTS (
+        SELECT FROM semmap.entity_model v WHERE v.entity_id = thing AND v.role = 'visual'))), ST_MakePoint(0, 0, 0)), w.pose)
+FROM semmap.world w WHERE w.entity_id = thing;
+END;
+
+CREATE FUNCTION hull_gap(corners_a geometry, corners_b geometry, look double precision[])
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- Metres between the hulls of two sets of corners, at least: between their boxes, turned by the pose `look`.
+SELECT semmap.box_gap(semmap.pose_apply(corners_a, look)::box3d, semmap.pose_apply(corners_b, look)::box3d);
+END;
+
 CREATE FUNCTION surfaces_meet(a bigint, b bigint, reach double precision)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
 -- Whether the surfaces of two entities come within `reach` metres of each other.
 DECLARE
     box_a box3d;
     box_b box3d;
+    corners_a geometry;
+    corners_b geometry;
+    line geometry;
     at_a geometry;
-    at_b geometry;
     of_a geometry[];
     of_b geometry[];
 BEGIN
     SELECT wa.box, wb.box INTO box_a, box_b FROM semmap.world wa JOIN semmap.world wb ON wb.map_id = wa.map_id
-        WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b;
+        WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b
+          AND NOT (wa.footprint IS NULL AND semmap.is_nowhere(a)) AND NOT (wb.footprint IS NULL AND semmap.is_nowhere(b));
     IF NOT FOUND OR semmap.box_gap(box_a, box_b) > reach THEN
         RETURN false;
-    ELSIF semmap.box_reach(box_a, box_b) <= reach AND NOT semmap.is_nowhere(a) AND NOT semmap.is_nowhere(b) THEN
+    ELSIF semmap.box_reach(box_a, box_b) <= reach THEN
         RETURN true;
     END IF;
-    -- Two points that are near decide most pairs that meet: from one surface to the other and back.
-    at_b := ST_PointN(semmap.grown(box_b, 0), 1);
+    -- Two points that are near decide most pairs that meet: corners, else from one surface to the other and back. Hulls
+    -- that are apart, seen along the line between them, decide most others.
+    corners_a := semmap.corners_of(a);
+    corners_b := semmap.corners_of(b);
+    line := ST_3DShortestLine(corners_a, corners_b);
+    IF ST_3DLength(line) <= reach THEN
+        RETURN true;
+    END IF;
     FOR attempt IN 1..2 LOOP
-        at_a := semmap.near_point(a, at_b);
-        at_b := semmap.near_point(b, at_a);
-        IF ST_3DDWithin(at_a, at_b, reach) THEN
+        IF semmap.hull_gap(corners_a, corners_b, semmap.turn_to_x(line)) > reach THEN
+            RETURN false;
+        END IF;
+        at_a := semmap.near_point(a, ST_EndPoint(line));
+        line := coalesce(ST_MakeLine(at_a, semmap.near_point(b, at_a)), line);
+        IF ST_3DLength(line) <= reach THEN
             RETURN true;
         END IF;
     END LOOP;
@@ -121,4 +151,102 @@ RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path
 BEGIN
     RETURN semmap.surfaces_meet(a, b, distance)
         OR semmap.is_space(b) AND semmap.is_in(a, b) OR semmap.is_space(a) AND semmap.is_in(b, a);
+END $$;
+
+CREATE FUNCTION is_nearer(a bigint, b bigint, distance double precision, or_equal boolean)
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
+-- Whether the `surface_distance` of a and b is less than `distance` metres, `or_equal`; null if it has no value.
+DECLARE
+    gap double precision;
+    nowhere boolean;
+BEGIN
+    SELECT semmap.box_gap(wa.box, wb.box), wa.footprint IS NULL AND semmap.is_nowhere(a)
+            OR wb.footprint IS NULL AND semmap.is_nowhere(b)
+        INTO gap, nowhere
+        FROM semmap.world wa JOIN semmap.world wb ON wb.map_id = wa.map_id WHERE wa.entity_id = a AND wb.entity_id = b;
+    IF NOT FOUND OR nowhere OR distance IS NULL THEN
+        RETURN NULL;
+    ELSIF NOT or_equal THEN
+        distance := distance * (1 - 2.220446049250313e-16);  -- the next that is less
+    END IF;
+    RETURN (distance > 0 OR or_equal AND distance = 0)
+        AND (a = b OR gap <= distance AND semmap.is_near(a, b, distance));
+END $$;
+
+CREATE FUNCTION nearest_patches(of_a geometry[], of_b geometry[], reach double precision)
+RETURNS double precision LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+-- Metres between the nearest triangles of `of_a` and `of_b`, or `reach` if they are not nearer. Divides and leaves out
+-- as `patches_meet` does, the nearer half first.
+DECLARE
+    n integer := cardinality(of_a);
+    m integer := cardinality(of_b);
+    box_a box3d;
+    box_b box3d;
+    half geometry[];
+BEGIN
+    IF n = 0 OR m = 0 THEN
+        RETURN reach;
+    ELSIF n < m THEN
+        RETURN semmap.nearest_patches(of_b, of_a, reach);
+    ELSIF n::bigint * m <= 400 THEN
+        RETURN least(reach, (
+            SELECT min(ST_3DDistance(p, q)) FROM unnest(of_b) q
+            CROSS JOIN LATERAL (SELECT semmap.grown(q, reach) OFFSET 0) near (zone)
+            CROSS JOIN unnest(of_a) p WHERE p &&& near.zone));
+    END IF;
+    SELECT ST_3DExtent(p) INTO box_a FROM unnest(of_a) p;
+    SELECT ST_3DExtent(p) INTO box_b FROM unnest(of_b) p;
+    SELECT array_agg(p ORDER BY CASE greatest(ST_XMax(box_a) - ST_XMin(box_a), ST_YMax(box_a) - ST_YMin(box_a),
+                                              ST_ZMax(box_a) - ST_ZMin(box_a))
+                                WHEN ST_XMax(box_a) - ST_XMin(box_a) THEN ST_XMin(p) + ST_XMax(p)
+                                WHEN ST_YMax(box_a) - ST_YMin(box_a) THEN ST_YMin(p) + ST_YMax(p)
+                                ELSE ST_ZMin(p) + ST_ZMax(p) END)
+        INTO of_a FROM unnest(of_a) p;
+    FOR half, box_a IN
+        SELECT part, whole FROM (VALUES (of_a[:n / 2]), (of_a[n / 2 + 1:])) v (part)
+        CROSS JOIN LATERAL (SELECT ST_3DExtent(p) AS whole FROM unnest(part) p) e
+        ORDER BY semmap.box_gap(whole, box_b)
+    LOOP
+        IF semmap.box_gap(box_a, box_b) < reach THEN
+            reach := semmap.nearest_patches(
+                half, ARRAY(SELECT q FROM unnest(of_b) q WHERE q &&& semmap.grown(box_a, reach)), reach);
+        END IF;
+    END LOOP;
+    RETURN reach;
+END $$;
+
+CREATE FUNCTION surface_distance(a bigint, b bigint)
+RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE COST 100000 SET search_path = semmap, public, pg_temp AS $$
+-- Metres between the surfaces of two entities: 0 where they meet, for an entity and itself, and where one of them is a
+-- room or region that the other is in. Null without a place.
+DECLARE
+    corners_a geometry := semmap.corners_of(a);
+    corners_b geometry := semmap.corners_of(b);
+    line geometry;  -- from one surface to the other
+    shorter geometry := ST_3DShortestLine(corners_a, corners_b);
+    look double precision[];
+    reach double precision;
+    at_a geometry;
+BEGIN
+    IF NOT EXISTS (SELECT FROM semmap.world wa JOIN semmap.world wb ON wb.map_id = wa.map_id
+                   WHERE wa.entity_id = a AND wb.entity_id = b) OR semmap.is_nowhere(a) OR semmap.is_nowhere(b) THEN
+        RETURN NULL;
+    ELSIF a = b OR semmap.is_space(b) AND semmap.is_in(a, b) OR semmap.is_space(a) AND semmap.is_in(b, a) THEN
+        RETURN 0;
+    END IF;
+    FOR attempt IN 1..4 LOOP
+        EXIT WHEN ST_3DLength(shorter) >= reach;
+        line := shorter;
+        reach := ST_3DLength(line);
+        look := semmap.turn_to_x(line);
+        IF semmap.hull_gap(corners_a, corners_b, look) >= reach - 1e-9 THEN
+            RETURN reach;  -- seen along the line, nothing lies between the hulls
+        END IF;
+        at_a := semmap.near_point(a, ST_EndPoint(line));
+        shorter := ST_MakeLine(at_a, semmap.near_point(b, at_a));
+    END LOOP;
+    RETURN semmap.nearest_patches(
+        ARRAY(SELECT semmap.surface_within(a, semmap.grown(semmap.pose_apply(corners_b, look)::box3d, reach), look)),
+        ARRAY(SELECT semmap.surface_within(b, semmap.grown(semmap.pose_apply(corners_a, look)::box3d, reach), look)),
+        reach);
 END $$;

@@ -14,30 +14,32 @@ SELECT ST_Centroid(semmap.ground_of(w))
 FROM semmap.world w WHERE w.entity_id = thing;
 END;
 
-CREATE FUNCTION side_of(a bigint, b bigint, front double precision, leftward double precision, side text)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
+CREATE FUNCTION things_to_side(b bigint, among bigint[], front double precision, leftward double precision, side text)
+RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10
 BEGIN ATOMIC
--- Whether the middle of a is to the named side of b, whose front and left have these headings in the map.
+-- Those whose middle is to the named side of b, whose front and left have these headings in the map.
 -- Measured from the sides of the rectangle around b's footprint along these headings: the side on which
--- a is furthest out is its side, and both are on a diagonal. So all along a table's left side is left of it,
+-- a middle is furthest out is its side, and both are on a diagonal. So all along a table's left side is left of it,
 -- further out it is the quarter between the diagonals. Above or within the rectangle it is none.
-SELECT coalesce((
-    SELECT CASE side WHEN 'front' THEN ahead > 0 AND ahead >= abs(left_out)
-                     WHEN 'behind' THEN ahead < 0 AND -ahead >= abs(left_out)
-                     WHEN 'left' THEN left_out > 0 AND left_out >= abs(ahead)
-                     WHEN 'right' THEN left_out < 0 AND -left_out >= abs(ahead) END
-    FROM semmap.world wa JOIN semmap.world wb ON wb.map_id = wa.map_id AND semmap.same_storey(wa.storey_id, wb.storey_id)
-    CROSS JOIN LATERAL (SELECT semmap.ground_of(wb)) f (ground)
-    CROSS JOIN LATERAL (SELECT ST_Rotate(f.ground, -front), ST_Rotate(semmap.middle(a), -front) OFFSET 0) t (ground, spot)
-    CROSS JOIN LATERAL (SELECT ST_X(t.spot) - least(greatest(ST_X(t.spot), ST_XMin(t.ground)), ST_XMax(t.ground)),
-                               sign(sin(leftward - front)) * (ST_Y(t.spot) - least(
-                                   greatest(ST_Y(t.spot), ST_YMin(t.ground)), ST_YMax(t.ground)))) o (ahead, left_out)
-    WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b AND NOT semmap.is_nowhere(a) AND NOT semmap.is_nowhere(b)), false);
+SELECT wa.entity_id
+FROM semmap.world wb CROSS JOIN LATERAL (SELECT ST_Rotate(semmap.ground_of(wb), -front) OFFSET 0) f (ground)
+CROSS JOIN unnest(among) a (id)
+JOIN semmap.world wa ON wa.entity_id = a.id AND wa.map_id = wb.map_id AND semmap.same_storey(wa.storey_id, wb.storey_id)
+CROSS JOIN LATERAL (SELECT ST_Rotate(ST_Centroid(semmap.ground_of(wa)), -front) OFFSET 0) t (spot)
+CROSS JOIN LATERAL (SELECT ST_X(t.spot) - least(greatest(ST_X(t.spot), ST_XMin(f.ground)), ST_XMax(f.ground)),
+                           sign(sin(leftward - front)) * (ST_Y(t.spot) - least(
+                               greatest(ST_Y(t.spot), ST_YMin(f.ground)), ST_YMax(f.ground)))) o (ahead, left_out)
+WHERE wb.entity_id = b AND wa.entity_id <> b
+  AND NOT (wa.footprint IS NULL AND semmap.is_nowhere(wa.entity_id)) AND NOT (wb.footprint IS NULL AND semmap.is_nowhere(b))
+  AND CASE side WHEN 'front' THEN ahead > 0 AND ahead >= abs(left_out)
+                WHEN 'behind' THEN ahead < 0 AND -ahead >= abs(left_out)
+                WHEN 'left' THEN left_out > 0 AND left_out >= abs(ahead)
+                WHEN 'right' THEN left_out < 0 AND -left_out >= abs(ahead) END;
 END;
 
-CREATE FUNCTION side_in_frame(a bigint, b bigint, frame text, side text)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
--- side_of in the frame 'map' or 'object'.
+CREATE FUNCTION side_in_frame(b bigint, among bigint[], frame text, side text)
+RETURNS SETOF bigint LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 10 SET search_path = semmap, public, pg_temp AS $$
+-- things_to_side in the frame 'map' or 'object'.
 DECLARE
     heading double precision;
 BEGIN
@@ -51,12 +53,12 @@ BEGIN
             USING ERRCODE = 'invalid_parameter_value',
                   HINT = 'It is ''map'', ''object'', or an observer: the id of an entity, or a pose.';
     END IF;
-    RETURN semmap.side_of(a, b, heading, heading + pi() / 2, side);
+    RETURN QUERY SELECT semmap.things_to_side(b, among, heading, heading + pi() / 2, side);
 END $$;
 
 CREATE FUNCTION side_as_seen(a bigint, b bigint, observer double precision[], side text)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
--- side_of as seen by an observer whose pose (of which x and y count) is given.
+-- Whether a is to a side of b as seen by an observer whose pose (of which x and y count) is given.
 DECLARE
     target geometry := semmap.middle(b);
     gaze double precision := atan2(ST_Y(target) - observer[2], ST_X(target) - observer[1]);
@@ -64,25 +66,35 @@ BEGIN
     IF ST_DWithin(target, ST_MakePoint(observer[1], observer[2]), 1e-6) THEN
         RETURN false;                                          -- no direction of view
     END IF;
-    RETURN semmap.side_of(a, b, gaze + pi(), gaze + pi() / 2, side);
+    RETURN EXISTS (SELECT semmap.things_to_side(b, ARRAY[a], gaze + pi(), gaze + pi() / 2, side));
 END $$;
 
 DO $$
 -- Four relations, each in a frame ('object', which is b, or 'map'), as an entity sees it that looks at b from where it is
--- (false where it is not placed in their map), and from a pose of the map (x, y, ...). See above and side_of. No contact
--- tolerance.
+-- (false where it is not placed in their map), and from a pose of the map (x, y, ...). See above and
+-- things_to_side. No contact tolerance. And all that are on this side of b.
 DECLARE
     relation text;
+    things text;
     side text;
 BEGIN
-    FOR relation, side IN VALUES
-        ('is_left_of', 'left'), ('is_right_of', 'right'), ('is_in_front_of', 'front'), ('is_behind', 'behind')
+    FOR relation, things, side IN VALUES
+        ('is_left_of', 'things_left_of', 'left'), ('is_right_of', 'things_right_of', 'right'),
+        ('is_in_front_of', 'things_in_front_of', 'front'), ('is_behind', 'things_behind', 'behind')
     LOOP
         EXECUTE format($def$
 CREATE FUNCTION %1$I(a bigint, b bigint, frame text DEFAULT 'object')
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
 BEGIN ATOMIC
-SELECT semmap.side_in_frame(a, b, frame, %2$L);
+SELECT EXISTS (SELECT semmap.side_in_frame(b, ARRAY[a], frame, %2$L));
+END;
+
+CREATE FUNCTION %3$I(thing bigint, frame text DEFAULT 'object')
+RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10 COST 10000
+BEGIN ATOMIC
+SELECT semmap.side_in_frame(thing, ARRAY(
+    SELECT wa.entity_id FROM semmap.world wb JOIN semmap.world wa ON wa.map_id = wb.map_id WHERE wb.entity_id = thing),
+    frame, %2$L);
 END;
 
 CREATE FUNCTION %1$I(a bigint, b bigint, observer bigint)
@@ -97,7 +109,7 @@ RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
 BEGIN ATOMIC
 SELECT semmap.side_as_seen(a, b, observer, %2$L);
 END;
-$def$, relation, side);
+$def$, relation, side, things);
     END LOOP;
 END $$;
 

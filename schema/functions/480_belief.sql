@@ -44,6 +44,19 @@ FROM ST_ExteriorRing(CASE WHEN ST_Dimension(ST_OrientedEnvelope(area)) = 2 THEN 
      LATERAL (SELECT ST_Distance(ST_PointN(ring, 1), ST_PointN(ring, 2)), ST_Distance(ST_PointN(ring, 2), ST_PointN(ring, 3))) s (a, b);
 END;
 
+CREATE FUNCTION least_width(area geometry)
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- Metres between the two nearest parallel lines that have an area between them: one lies along a side of its hull.
+SELECT coalesce(min(side.width), 0)
+FROM ST_ExteriorRing(ST_ConvexHull(area)) ring
+CROSS JOIN generate_series(1, ST_NPoints(ring) - 1) i
+CROSS JOIN LATERAL (SELECT ST_PointN(ring, i) AS a, ST_PointN(ring, i + 1) AS b) edge
+CROSS JOIN LATERAL (
+    SELECT max(abs((ST_X(b) - ST_X(a)) * (ST_Y(p.geom) - ST_Y(a)) - (ST_Y(b) - ST_Y(a)) * (ST_X(p.geom) - ST_X(a))))
+        / nullif(ST_Distance(a, b), 0) AS width FROM ST_DumpPoints(ring) p) side;
+END;
+
 CREATE FUNCTION size_of(thing bigint, OUT sides double precision[], OUT height double precision, OUT base double precision)
 LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The sides of the rectangle in which an entity stands (the shorter one first), its height and the area of its base:

@@ -70,6 +70,12 @@ WORLD = TripleTables(("world",), map_id="{a}.map_id", key="{a}.entity_id")
 SHAPED = TripleTables(
     ("world",), ("{a}.footprint IS NOT NULL",), map_id="{a}.map_id", key="{a}.entity_id"
 )
+SHAPED_OBJECT = TripleTables(
+    ("world", "entity"),
+    ("{b}.id = {a}.entity_id", "{b}.kind = 'object'", "{a}.footprint IS NOT NULL"),
+    "{a}.map_id",
+    "{a}.entity_id",
+)
 PLACEMENT = TripleTables(("placement",), key="{a}.entity_id", one_map=True)
 CONNECTOR = TripleTables(("connector",), key="{a}.entity_id")
 ROOM = TripleTables(("room",), key="{a}.entity_id")
@@ -272,6 +278,14 @@ TRIPLES: tuple[TripleMap, ...] = (
         ("lowest", "double", "ST_ZMin({a}.box)"),
         ("highest", "double", "ST_ZMax({a}.box)"),
         ("onStorey", "entity", "{a}.storey_id"),
+    ),
+    *columns_of(
+        SHAPED_OBJECT,
+        _OF,
+        ("boxWidth", "double", "(sides_of({a}.footprint))[1]"),
+        ("boxLength", "double", "(sides_of({a}.footprint))[2]"),
+        ("boxHeight", "double", "ST_ZMax({a}.box) - ST_ZMin({a}.box)"),
+        ("graspWidth", "double", "least_width({a}.footprint)"),
     ),
     *_geometries(),
     # The building
@@ -518,7 +532,9 @@ COMPUTED: tuple[Computed, ...] = (
     _between("touching", "touching", "things_touching", "things_touching"),
     Computed(f"{SEMMAP}near", "is_near({a}, {b}, 1)", "things_near({b}, 1)", "things_near({a}, 1)"),
     *(
-        Computed(f"{SEMMAP}{name}", f"is_{function}({{a}}, {{b}}, 'object')")
+        Computed(
+            f"{SEMMAP}{name}", f"is_{function}({{a}}, {{b}}, 'object')", f"things_{function}({{b}})"
+        )
         for name, function in (
             ("leftOf", "left_of"),
             ("rightOf", "right_of"),

@@ -40,6 +40,7 @@ class Value:
     sql: str  # its value, key, IRI or text; null where it is not bound
     tag: str | None = None  # of a "term"
     constant: tuple[str, str] | None = None  # text and tag of a term that a query has
+    between: tuple[str, ...] | None = None  # of a distance: the two entities
 
     @classmethod
     def of_columns(cls, form: Form, columns: Iterable[str]) -> Value:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections import Counter
 
 import psycopg
@@ -381,6 +382,37 @@ def test_the_distance_of_a_computed_iri(loft: psycopg.Connection) -> None:
     assert by_entity
     assert query(loft, near % "IRI(STR(?x))").rows == by_entity
     assert query(loft, near % 'IRI(CONCAT(STR(?x), "%FF"))').rows == ()
+
+
+COMPARED = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+
+
+@pytest.mark.parametrize(("sign", "turned"), [("<", ">"), ("<=", ">="), (">", "<"), (">=", "<=")])
+def test_distances_are_compared_by_surfaces(
+    loft: psycopg.Connection, sign: str, turned: str
+) -> None:
+    """However a query writes it, and without the distance where a comparison is enough."""
+    rows = query(
+        loft,
+        "SELECT ?a ?b (semmap:distance(?a, ?b) AS ?d) { ?a semmap:kind ?k . ?b semmap:kind ?k }",
+    ).rows
+    metres = {(a, b): float(d) for a, b, d in rows if d is not None}
+    assert len(set(metres.values())) > 10
+    assert len(metres) < len(rows), "some are in no place"
+    steps = sorted({round(d, 6) for d in metres.values()})
+    limits = [0.0, steps[len(steps) // 2] + 1e-4, -1.0]
+    for far in limits:
+        expected = {pair for pair, d in metres.items() if COMPARED[sign](d, far)}
+        for condition in (
+            f"FILTER(semmap:distance(?a, ?b) {sign} {far})",
+            f"FILTER({far}e0 {turned} semmap:distance(?a, ?b))",
+            f"BIND(semmap:distance(?a, ?b) AS ?d) FILTER(?d {sign} {far})",
+            f"FILTER(!(!(semmap:distance(?a, ?b) {sign} {far})))",
+        ):
+            text = f"SELECT ?a ?b {{ ?a semmap:kind ?k . ?b semmap:kind ?k . {condition} }}"
+            answer = query(loft, text)
+            assert "is_nearer" in answer.explanation[0]
+            assert {(a, b) for a, b in answer.rows} == expected
 
 
 def test_a_wide_answer_may_have_fewer_rows(loft: psycopg.Connection) -> None:

@@ -239,6 +239,10 @@ def test_near_is_the_distance_of_surfaces(
 ) -> None:
     assert building.holds("near", a, b, distance) is expected
     assert building.holds("near", b, a, distance) is expected
+    with building.engine.connect() as connection:
+        pair = {"a": building.ids[a], "b": building.ids[b]}
+        metres = connection.execute(text("SELECT surface_distance(:a, :b)"), pair).scalar()
+    assert (metres is not None and metres <= distance) is expected
 
 
 SIDES = ("left_of", "right_of", "in_front_of", "behind")

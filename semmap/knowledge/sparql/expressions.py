@@ -12,7 +12,12 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.mapping import DATATYPES
 from semmap.knowledge.sparql.constants import tag_and_text
-from semmap.knowledge.sparql.geosparql import FUNCTIONS, geometry_of, within_distance
+from semmap.knowledge.sparql.geosparql import (
+    FUNCTIONS,
+    geometry_of,
+    surface_comparison,
+    within_distance,
+)
 from semmap.knowledge.sparql.relation import SQL_TYPES, UNBOUND, in_form, union_form
 from semmap.knowledge.sparql.values import (
     NUMERIC,
@@ -24,7 +29,7 @@ from semmap.knowledge.sparql.values import (
     text_of,
 )
 from semmap.knowledge.triple_map import Value
-from semmap.knowledge.vocabulary import XSD
+from semmap.knowledge.vocabulary import SEMMAP, XSD
 from semmap.language.schema import SPARQL_FUNCTIONS
 
 Environment = Mapping[str, Value]  # the value of each variable that an expression sees
@@ -233,6 +238,8 @@ class Expressions:
         if forms == {"string"}:
             return f'({a.sql} COLLATE "C" {operator} {b.sql} COLLATE "C")'
         if forms <= {*NUMERIC} or forms in ({"time"}, {"boolean"}):
+            if (decided := surface_comparison(a, operator, b)) is not None:
+                return decided
             return f"({a.sql} {operator} {b.sql})"
         if "term" in forms and forms & {*NUMERIC}:
             return f"({self._number(a)} {operator} {self._number(b)})"
@@ -468,7 +475,8 @@ class Expressions:
                 texts.append(value.sql)
             else:
                 texts.append(_OF_TEXTS[kind].format(self._text(value)))
-        return Value(function.result, f"({function.sql.format(*texts)})")
+        between = tuple(texts) if function is FUNCTIONS[f"{SEMMAP}distance"] else None
+        return Value(function.result, f"({function.sql.format(*texts)})", between=between)
 
     def _cast(self, value: Value, form: str, sql: str, kept: tuple[str, ...]) -> Value:
         if value.form == form:

@@ -79,8 +79,7 @@ _TABLE: tuple[tuple[str, str, tuple[str, ...], Form, int], ...] = (
 _OWN: tuple[tuple[str, str, tuple[str, ...], Form], ...] = (
     (
         "distance",
-        "SELECT box_gap(a.box, b.box) FROM world a, world b "
-        "WHERE a.entity_id = {0} AND b.entity_id = {1}",
+        "surface_distance({0}, {1})",
         ("entity", "entity"),
         "double",
     ),
@@ -106,7 +105,7 @@ FUNCTIONS: Mapping[str, GeoFunction] = {
     **{f"{GEOF}{row[0]}": GeoFunction(f"geof:{row[0]}", *row[1:]) for row in _TOPOLOGICAL},
     **{f"{SEMMAP}{row[0]}": GeoFunction(f"semmap:{row[0]}", *row[1:]) for row in _OWN},
 }
-"""By IRI; `semmap:distance` is that of the 3D boxes of two entities, in metres, and
+"""By IRI; `semmap:distance` is that of the surfaces of two entities, in metres, and
 `semmap:positionAt` where an entity was at a time; `semmap:x`, `y` and `z` are those of the centre
 of a voxel."""
 
@@ -120,6 +119,7 @@ AGGREGATES: Mapping[str, str] = {
 }
 """The functions of `geof:` that make one geometry of those of a group."""
 
+_TURNED = str.maketrans("<>", "><")
 _DISTANCES = {f"{GEOF}distance", f"{GEOF}metricDistance"}
 
 
@@ -132,6 +132,17 @@ def geometry_of(value: Value) -> str:
     if value.form == "term":
         return f"text_geometry({value.sql}, {value.tag})"
     return "NULL::geometry"
+
+
+def surface_comparison(a: Value, operator: str, b: Value) -> str | None:
+    """Return the SQL of `semmap:distance(x, y) < d`, which needs no distance; None for others."""
+    if a.between is None:
+        a, operator, b = b, operator.translate(_TURNED), a
+    if a.between is None:
+        return None
+    farther = "NOT " if ">" in operator else ""
+    or_equal = operator in ("<=", ">")
+    return f"({farther}is_nearer({', '.join(a.between)}, {b.sql}, {str(or_equal).lower()}))"
 
 
 def within_distance(

@@ -316,7 +316,8 @@ class TriplePatterns(PropertyPaths):
             if value is not None and value.form == "entity":
                 known[side] = value.sql
         if not known:
-            known["a"] = self._any_entity(rows, a)
+            side, part = ("b", b) if relation.members and not relation.converse else ("a", a)
+            known[side] = self._any_entity(rows, part)
         for side, part, function in (("a", a, relation.members), ("b", b, relation.converse)):
             if side not in known and function is not None:
                 alias = self.parameters.alias("f")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from itertools import product
 from typing import TypeAlias
 
+import numpy as np
 import psycopg
 import pytest
 import shapely
@@ -163,3 +164,41 @@ def test_a_distance_is_compared_by_the_spatial_index(loft: psycopg.Connection) -
     )
     assert "ST_DWithin" in answer.explanation[0]
     assert {str(x).rsplit("#")[-1] for (x,) in answer.rows} == {"stove", "cooking%20corner"}
+
+
+def test_sizes_of_objects_are_those_of_shapely(
+    loft: psycopg.Connection, footprints: dict[str, Shape]
+) -> None:
+    """The narrowest direction is looked for among 3,600, not along the sides of the hull."""
+    sizes = (
+        "semmap:boxWidth ?w ; semmap:boxLength ?l ; semmap:boxHeight ?h ; semmap:graspWidth ?g ; "
+        "semmap:lowest ?low ; semmap:highest ?high"
+    )
+    rows = query(loft, f"SELECT ?x ?w ?l ?h ?g ?low ?high {{ ?x {sizes} }}").rows
+    kinds = query(loft, "SELECT ?x { ?x semmap:kind 'object' ; geo:hasDefaultGeometry ?g }").rows
+    assert {row[0] for row in rows} == {row[0] for row in kinds}
+    assert len(rows) > 3
+    turns = np.pi * np.arange(3600) / 3600
+    for x, width, length, height, grasp, low, high in rows:
+        area = footprints[str(x)]
+        corners = shapely.get_coordinates(area.minimum_rotated_rectangle)
+        sides = np.linalg.norm(np.diff(corners[:3], axis=0), axis=1)
+        assert [float(width), float(length)] == pytest.approx(sorted(sides), abs=1e-6)
+        assert float(height) == pytest.approx(float(high) - float(low))
+        points = shapely.get_coordinates(area.convex_hull)
+        across = np.ptp(points @ np.array([np.cos(turns), np.sin(turns)]), axis=0).min()
+        assert across - 0.001 * float(length) <= float(grasp) <= across + 1e-9
+
+
+@settings(max_examples=60, deadline=None)
+@given(points=st.lists(st.tuples(*2 * [st.integers(-9, 9)]), min_size=1, max_size=9))
+def test_the_least_width_is_that_of_all_directions(
+    loft: psycopg.Connection, points: list[tuple[int, int]]
+) -> None:
+    shape = shapely.MultiPoint(points)
+    found = loft.execute("SELECT least_width(ST_GeomFromText(%s))", [shape.wkt]).fetchone()
+    turns = np.pi * np.arange(3600) / 3600
+    spread = np.array(points) @ np.array([np.cos(turns), np.sin(turns)])
+    across = np.ptp(spread, axis=0).min()
+    assert found is not None
+    assert across - 0.03 <= found[0] <= across + 1e-9

@@ -1,0 +1,116 @@
+"""`surface_distance` and `is_nearer` beside FCL, on shapes with holes, cavities and thin walls."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import fcl
+import numpy as np
+import trimesh
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sqlalchemy import Engine, text
+
+from semmap.geometry.mesh import Mesh, box_mesh, join
+from semmap.geometry.pose import Pose
+from tests.query.office_scene import bodies, store
+
+MAPS = itertools.count()
+
+
+def of_trimesh(shape: trimesh.Trimesh) -> Mesh:
+    return Mesh(np.asarray(shape.vertices), shape.faces.astype(np.int32))
+
+
+SHAPES = {
+    "ring": of_trimesh(trimesh.creation.torus(0.5, 0.1, major_sections=24, minor_sections=10)),
+    "ball": of_trimesh(trimesh.creation.icosphere(subdivisions=2, radius=0.2)),
+    "tube": of_trimesh(trimesh.creation.annulus(0.4, 0.5, 1.2, sections=40)),
+    "rod": of_trimesh(trimesh.creation.capsule(1.5, 0.03, count=[8, 8])),
+    "plate": box_mesh((-0.8, -0.4, 0), (0.8, 0.4, 0.02)),
+    "crumbs": join(
+        [
+            box_mesh(tuple(at), tuple(at + 0.1))
+            for at in np.random.default_rng(4).uniform(-1, 1, (40, 3))
+        ]
+    ),
+}
+
+poses = st.builds(
+    Pose.from_rpy,
+    *(st.floats(-1.5, 1.5) for _ in range(3)),
+    *(st.sampled_from([0.0, 1.5707963267948966, 0.3, -2.2]) for _ in range(3)),
+)
+
+
+def oracle(a: Mesh, at_a: Pose, b: Mesh, at_b: Pose) -> float:
+    """Metres between two sets of triangles, by FCL; 0 where they meet."""
+    objects = []
+    for mesh, pose in ((a, at_a), (b, at_b)):
+        model = fcl.BVHModel()
+        model.beginModel(len(mesh.vertices), len(mesh.faces))
+        model.addSubModel(pose.apply(mesh.vertices), mesh.faces)
+        model.endModel()
+        objects.append(fcl.CollisionObject(model))
+    if fcl.collide(*objects, fcl.CollisionRequest(), fcl.CollisionResult()):
+        return 0.0
+    return float(fcl.distance(*objects, fcl.DistanceRequest(), fcl.DistanceResult()))
+
+
+def ask(engine: Engine, sql: str, **values: Any) -> Any:
+    with engine.connect() as connection:
+        return connection.execute(text(f"SELECT {sql}"), values).scalar_one()
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(names=st.tuples(*2 * [st.sampled_from(sorted(SHAPES))]), at=st.tuples(poses, poses))
+def test_distances_are_those_of_fcl(
+    module_engine: Engine, names: tuple[str, str], at: tuple[Pose, Pose]
+) -> None:
+    meshes = [SHAPES[name] for name in names]
+    world = bodies("pair", meshes)
+    for entry, pose in zip(world.entries, at, strict=True):
+        entry.pose = pose
+    ids = store(module_engine, f"pair{next(MAPS)}", world)
+    a, b = ids["body0"], ids["body1"]
+    expected = oracle(meshes[0], at[0], meshes[1], at[1])
+    found = ask(module_engine, "surface_distance(:a, :b)", a=a, b=b)
+    assert abs(found - expected) < 1e-6
+    assert abs(ask(module_engine, "surface_distance(:b, :a)", a=a, b=b) - expected) < 1e-6
+    nearer = "is_nearer(:a, :b, :far, false)"
+    assert ask(module_engine, nearer, a=a, b=b, far=expected * 1.001 + 1e-5)
+    assert not ask(module_engine, nearer, a=a, b=b, far=expected * 0.999 - 1e-5)
+
+
+def test_limits_are_exact_and_what_has_no_place_has_no_distance(module_engine: Engine) -> None:
+    cube = box_mesh((0, 0, 0), (1, 1, 1))
+    world = bodies("cubes", [cube, cube, cube])
+    for x, entry in zip((0, 2, 3), world.entries, strict=True):
+        entry.pose = Pose(float(x), 0, 0)
+    ids = store(module_engine, f"cubes{next(MAPS)}", world)
+    other = store(module_engine, f"cubes{next(MAPS)}", bodies("cube", [cube]))["body0"]
+    first, second, third = (ids[f"body{i}"] for i in range(3))
+
+    def compared(a: int, b: int, far: float | None) -> tuple[Any, Any]:
+        sql = "is_nearer(:a, :b, CAST(:far AS float8), {})"
+        return (
+            ask(module_engine, sql.format("false"), a=a, b=b, far=far),
+            ask(module_engine, sql.format("true"), a=a, b=b, far=far),
+        )
+
+    distance = "surface_distance(:a, :b)"
+    assert ask(module_engine, distance, a=first, b=second) == 1
+    assert compared(first, second, 1) == (False, True)
+    assert compared(first, second, np.nextafter(1, 2)) == (True, True)
+    for a, b in ((second, third), (first, first)):
+        assert ask(module_engine, distance, a=a, b=b) == 0
+        assert compared(a, b, 0) == (False, True)
+        assert compared(a, b, -1) == (False, False)
+        assert compared(a, b, 1e-300) == (True, True)
+    assert ask(module_engine, distance, a=first, b=other) is None
+    assert compared(first, other, 9) == (None, None)
+    assert compared(first, second, None) == (None, None)
+    assert ask(module_engine, distance, a=first, b=-1) is None
