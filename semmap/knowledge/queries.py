@@ -14,6 +14,7 @@ import psycopg
 import rdflib
 from rdflib.plugins.sparql import prepareQuery
 from rdflib.plugins.sparql.evaluate import evalQuery
+from rdflib.plugins.sparql.parserutils import CompValue
 from rdflib.store import Store
 
 from semmap.error import Error
@@ -210,7 +211,7 @@ def _described(view: MapView, parsed: ParsedText, most: int) -> Answer:
 def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most: int) -> Answer:
     """Let rdflib evaluate what has no translation; it reads each triple pattern by SQL."""
     prepared = prepareQuery(parsed.text.sparql, initNs=prefixes(view.name))
-    correct(prepared.algebra)
+    correct(prepared.algebra, partial(_called, view))
     prepared.algebra.pop("datasetClause", None)  # the view knows it; rdflib would read files
     dataset = rdflib.Dataset(store=MapStore(view))
     try:
@@ -239,6 +240,16 @@ def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most
         found.get("graph"),
         (reason, *view.statements),
     )
+
+
+def _called(view: MapView, call: CompValue) -> Any:
+    """Return the value of a function of constants, as SQL has it."""
+    value = rdflib.Variable("value")
+    pattern = CompValue("Extend", p=CompValue("BGP", triples=[]), expr=call, var=value)
+    asked = len(view.statements)
+    ((found,),) = view.run(view.statement(pattern, [str(value)], limit=1))
+    del view.statements[asked:]
+    return found
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Names of a query that the map does not have: an empty answer may come from a misspelling."""
+"""Names of a query that are unknown: an empty answer may come from a misspelling."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from semmap.knowledge.fields.properties import field_properties
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import COMPUTED, REWRITTEN, TRIPLES
 from semmap.knowledge.sparql.constants import Constants, iris_in
+from semmap.knowledge.sparql.expressions import CASTS
 from semmap.knowledge.sparql.geosparql import FUNCTIONS
-from semmap.knowledge.vocabulary import SEMMAP, TYPE, decode
+from semmap.knowledge.vocabulary import GEOF, SEMMAP, TYPE, decode
+from semmap.language.syntax_tree import nodes_in
 from semmap.suggestions import suggestion
 
 _STATED = (
@@ -38,7 +40,17 @@ def unknown_names(view: MapView, constants: Constants, *trees: Any) -> list[str]
     if missing:
         values = {"iris": sorted(missing), "map": view.number}
         missing -= {row[0] for row in view.session.execute(_STATED, values)}
-    return [_sentence(view, iri) for iri in sorted(missing) if not _is_value(view, iri)]
+    sentences = [_sentence(view, iri) for iri in sorted(missing) if not _is_value(view, iri)]
+    called = {str(n.iri) for n in nodes_in(trees) if getattr(n, "name", "") == "Function"}
+    return sentences + [
+        _of_function(iri) for iri in sorted(called - FUNCTIONS.keys() - CASTS.keys())
+    ]
+
+
+def _of_function(iri: str) -> str:
+    names = [function.name for function in FUNCTIONS.values()]
+    name = iri.replace(GEOF, "geof:").replace(SEMMAP, "semmap:")
+    return f"there is no function {name}, so that it has no value{suggestion(name, names)}"
 
 
 def _is_value(view: MapView, iri: str) -> bool:

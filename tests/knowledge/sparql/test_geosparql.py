@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from semmap.knowledge.mapping import TOPOLOGICAL
 from semmap.knowledge.queries import query
+from semmap.knowledge.sparql.geosparql import FUNCTIONS
 
 Shape: TypeAlias = shapely.Geometry
 
@@ -202,3 +203,36 @@ def test_the_least_width_is_that_of_all_directions(
     across = np.ptp(spread, axis=0).min()
     assert found is not None
     assert across - 0.03 <= found[0] <= across + 1e-9
+
+
+ARGUMENTS = {
+    "geometry": (wkt(shapely.box(0, 0, 2, 1)), wkt(shapely.box(1, 0, 3, 1))),
+    "entity": (":table", ":sofa"),
+    "number": ("1", "1"),
+    "text": ("uom:metre", "uom:metre", '"T********"'),
+    "time": ("NOW()", "NOW()"),
+    "voxel": ("<urn:semmap:voxel:0.05:1,2,3>",),
+}
+
+
+@pytest.mark.parametrize("iri", FUNCTIONS)
+def test_functions_have_their_values_where_rdflib_evaluates(
+    loft: psycopg.Connection, iri: str
+) -> None:
+    kinds = FUNCTIONS[iri].arguments
+    given = ", ".join(
+        ARGUMENTS[kind][min(i, len(ARGUMENTS[kind]) - 1)] for i, kind in enumerate(kinds)
+    )
+    call = f"(<{iri}>({given}) AS ?value)"
+    ((value,),) = query(loft, f"SELECT {call} {{}}").rows
+    answer = query(loft, f"SELECT {call} (TZ(NOW()) AS ?zone) {{}}")
+    assert answer.explanation[0].startswith("evaluated by rdflib")
+    assert value is not None
+    assert answer.rows[0][0] == value
+
+
+def test_a_function_that_is_unknown_is_named(loft: psycopg.Connection) -> None:
+    answer = query(loft, f"SELECT (geof:asKML({wkt(shapely.Point(0, 0))}) AS ?x) {{}}")
+    assert answer.rows == ((None,),)
+    assert "there is no function geof:asKML" in answer.notes[0]
+    assert query(loft, "SELECT (xsd:integer('1') AS ?x) {}").notes == ()
