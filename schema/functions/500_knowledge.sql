@@ -243,22 +243,152 @@ SELECT CASE WHEN flags ~ '[sq]' OR strpos(pattern, '.') = 0 THEN pattern ELSE (
     FROM regexp_matches(pattern, '\\.|\[\^?\]?(?:\\.|[^]\\])*\]|.', 'g') WITH ORDINALITY AS piece (p, n)) END;
 END;
 
+CREATE FUNCTION reference_system(iri text, OUT srid integer, OUT north_first boolean)
+LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- The EPSG code of a coordinate reference system (4326 for CRS84, 0 for the map's own frame), and whether the first
+-- coordinate of a literal is the northern one. Null for those whose axes are not known.
+DECLARE
+    code integer := CASE WHEN iri ~ '[/:]CRS84$' THEN 4326
+        ELSE substring(iri from '(?:/EPSG/[^/]*/|^urn:ogc:def:crs:EPSG:[^:]*:|^EPSG:)([0-9]{1,5})$')::integer END;
+    known text := (SELECT s.srtext FROM public.spatial_ref_sys s WHERE s.srid = code);
+BEGIN
+    IF code = 0 OR iri ~ '[/:]CRS84$' OR known ~ '^PROJCS.*AXIS\["[^"]*",EAST\],AXIS\["[^"]*",NORTH\]' THEN
+        srid := code;
+        north_first := false;
+    ELSIF known LIKE 'GEOGCS%' OR known ~ '^PROJCS.*AXIS\["[^"]*",NORTH\],AXIS\["[^"]*",EAST\]' THEN
+        srid := code;
+        north_first := true;
+    END IF;
+END $$;
+
 CREATE FUNCTION text_geometry(written text, tag text)
 RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT SET search_path = semmap, public, pg_temp AS $$
--- A geometry literal of GeoSPARQL (WKT, GML or GeoJSON) in the map's frame; null for any other text. An IRI of a
--- reference system before WKT is not looked at: a map has one frame. An empty text is an empty geometry.
+-- A geometry literal of GeoSPARQL (WKT, GML or GeoJSON), x to the east and y to the north; null for any other text, and in
+-- a reference system that is not known. Without a system, in the map's frame, whose SRID is 0; so is GeoJSON that
+-- names none. An empty text is an empty geometry.
+DECLARE
+    form text := substring(tag from '^http://www\.opengis\.net/ont/geosparql#(wkt|gml|geoJSON)Literal$');
+    named text := CASE form WHEN 'wkt' THEN substring(written from '^\s*<([^>]*)>')
+                            WHEN 'gml' THEN substring(written from 'srsName\s*=\s*["'']([^"'']*)["'']') END;
+    bare text := CASE form WHEN 'wkt' THEN regexp_replace(written, '^\s*<[^>]*>', '')
+                           WHEN 'gml' THEN regexp_replace(written, '\ssrs(Name|Dimension)\s*=\s*("[^"]*"|''[^'']*'')', '', 'g')
+                           ELSE written END;
+    found geometry;
+    its record;
 BEGIN
-    IF regexp_replace(written, '^\s*<[^>]*>\s*$', '') ~ '^\s*$' THEN
-        RETURN CASE WHEN tag IN ('http://www.opengis.net/ont/geosparql#wktLiteral', 'http://www.opengis.net/ont/geosparql#gmlLiteral',
-                                 'http://www.opengis.net/ont/geosparql#geoJSONLiteral') THEN 'GEOMETRYCOLLECTION EMPTY'::geometry END;
+    IF form IS NOT NULL AND bare ~ '^\s*$' THEN
+        found := 'GEOMETRYCOLLECTION EMPTY';
+    ELSE
+        found := CASE form WHEN 'wkt' THEN ST_GeomFromText(bare) WHEN 'gml' THEN ST_GeomFromGML(bare)
+                           WHEN 'geoJSON' THEN ST_GeomFromGeoJSON(bare) END;
     END IF;
-    RETURN CASE tag
-        WHEN 'http://www.opengis.net/ont/geosparql#wktLiteral'
-            THEN ST_SetSRID(ST_GeomFromText(regexp_replace(written, '^\s*<[^>]*>\s*', '')), 0)
-        WHEN 'http://www.opengis.net/ont/geosparql#gmlLiteral' THEN ST_SetSRID(ST_GeomFromGML(written), 0)
-        WHEN 'http://www.opengis.net/ont/geosparql#geoJSONLiteral' THEN ST_SetSRID(ST_GeomFromGeoJSON(written), 0) END;
+    IF named IS NULL THEN
+        RETURN CASE WHEN form = 'geoJSON' AND written::jsonb ? 'crs' THEN found ELSE ST_SetSRID(found, 0) END;
+    END IF;
+    its := semmap.reference_system(named);
+    found := ST_SetSRID(found, its.srid);
+    RETURN CASE WHEN its.north_first THEN ST_FlipCoordinates(found) ELSE found END;
 EXCEPTION WHEN OTHERS THEN
     RETURN NULL;
+END $$;
+
+CREATE FUNCTION geometry_text(geom geometry)
+RETURNS text LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- A geometry as a WKT literal: with the reference system and in the order of its axes, unless it is in the map's frame.
+DECLARE
+    iri text := 'http://www.opengis.net/def/crs/' ||
+        CASE ST_SRID(geom) WHEN 4326 THEN 'OGC/1.3/CRS84' ELSE 'EPSG/0/' || ST_SRID(geom) END;
+BEGIN
+    IF ST_SRID(geom) = 0 THEN
+        RETURN ST_AsText(geom);
+    END IF;
+    RETURN format('<%s> %s', iri, ST_AsText(
+        CASE WHEN (semmap.reference_system(iri)).north_first THEN ST_FlipCoordinates(geom) ELSE geom END));
+END $$;
+
+CREATE FUNCTION geometry_gml(geom geometry)
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- A geometry as GML 3: with the reference system and in the order of its axes, unless it is in the map's frame.
+SELECT CASE WHEN ST_SRID(geom) = 0 THEN ST_AsGML(3, geom)
+            WHEN (semmap.reference_system('EPSG:' || ST_SRID(geom))).north_first
+            THEN ST_AsGML(3, ST_FlipCoordinates(geom), 15, 1) ELSE ST_AsGML(3, geom, 15, 1) END;
+END;
+
+CREATE FUNCTION geometry_json(geom geometry)
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- A geometry as GeoJSON: in longitude and latitude, which it says, unless it is in the map's frame.
+SELECT CASE WHEN ST_SRID(geom) = 0 THEN ST_AsGeoJSON(geom) ELSE ST_AsGeoJSON(ST_Transform(geom, 4326), 9, 2) END;
+END;
+
+CREATE FUNCTION in_map_frame(geom geometry)
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- A geometry in the map's frame; null for one in a reference system.
+SELECT CASE WHEN ST_SRID(geom) = 0 THEN geom END;
+END;
+
+CREATE FUNCTION alike(geom geometry, other geometry)
+RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- A geometry in the reference system of another; null where one alone is in the map's frame.
+SELECT CASE WHEN ST_SRID(geom) = ST_SRID(other) THEN geom
+            WHEN ST_SRID(geom) <> 0 AND ST_SRID(other) <> 0 THEN ST_Transform(geom, ST_SRID(other)) END;
+END;
+
+CREATE FUNCTION in_system(geom geometry, iri text)
+RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- A geometry in another reference system; null from or to the map's frame, and for a system that is not known.
+DECLARE
+    code integer := (semmap.reference_system(iri)).srid;
+BEGIN
+    RETURN CASE WHEN ST_SRID(geom) <> 0 AND code <> 0 THEN ST_Transform(geom, code) END;
+END $$;
+
+CREATE FUNCTION put_together(parts geometry[])
+RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- A collection of geometries, in the reference system of the first; null where some are in the map's frame, some not.
+SELECT CASE WHEN count(*) = count(each.geom) THEN ST_Collect(each.geom) END
+FROM (SELECT semmap.alike(p, first_value(p) OVER (ORDER BY n)) AS geom
+      FROM unnest(parts) WITH ORDINALITY u (p, n) WHERE p IS NOT NULL) each;
+END;
+
+CREATE FUNCTION is_metric(geom geometry)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- Whether coordinates are metres on a plane; null without a geometry.
+SELECT CASE WHEN geom IS NOT NULL THEN ST_SRID(geom) = 0 OR EXISTS (
+    SELECT FROM public.spatial_ref_sys s
+    WHERE s.srid = ST_SRID(geom) AND s.srtext LIKE 'PROJCS%' AND s.proj4text LIKE '%+units=m %') END;
+END;
+
+CREATE FUNCTION ground_measure(geom geometry, what text, other geometry DEFAULT NULL)
+RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+-- The area, length, perimeter, or distance to another geometry, in metres: on the plane, or on the ellipsoid where
+-- coordinates are not metres.
+DECLARE
+    round geography;
+BEGIN
+    IF semmap.is_metric(geom) THEN
+        RETURN CASE what WHEN 'area' THEN ST_Area(geom) WHEN 'length' THEN ST_Length(geom)
+            WHEN 'perimeter' THEN ST_Perimeter(geom) ELSE ST_Distance(geom, semmap.alike(other, geom)) END;
+    END IF;
+    round := ST_Transform(geom, 4326)::geography;
+    RETURN CASE what WHEN 'area' THEN ST_Area(round) WHEN 'length' THEN ST_Length(round)
+        WHEN 'perimeter' THEN ST_Perimeter(round)
+        ELSE ST_Distance(round, ST_Transform(semmap.alike(other, geom), 4326)::geography) END;
+END $$;
+
+CREATE FUNCTION ground_buffer(geom geometry, metres double precision)
+RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+-- What lies within some metres of a geometry, in its reference system.
+BEGIN
+    IF semmap.is_metric(geom) THEN
+        RETURN ST_Buffer(geom, metres);
+    END IF;
+    RETURN ST_Transform(ST_Buffer(ST_Transform(geom, 4326)::geography, metres)::geometry, ST_SRID(geom));
 END $$;
 
 CREATE FUNCTION rdf_number(value text, tag text)

@@ -489,6 +489,17 @@ _STATED_ENDS: tuple[_End, ...] = (
 """Geometries, and features with a default geometry, or else any."""
 
 
+def _in_one_frame(name: str, condition: str, a: str, b: str) -> Iterator[str]:
+    """Yield the conditions of a relation, which geometries in two reference systems don't have."""
+    related = condition.format(a=a, b=b)
+    if a.endswith(".footprint") and b.endswith(".footprint"):
+        yield related
+        return
+    if name not in ("sfDisjoint", "ehDisjoint", "rcc8dc"):
+        yield f"{a} && {b}"  # by an index
+    yield f"CASE WHEN ST_SRID({a}) = ST_SRID({b}) THEN {related} ELSE false END"
+
+
 def _rewritten(*pairs: tuple[_End, _End]) -> Iterator[TripleMap]:
     """Yield the topological relations of features and geometries (GeoSPARQL 1.1, section 12)."""
     for (name, condition), (a, b) in product(TOPOLOGICAL.items(), pairs):
@@ -497,7 +508,7 @@ def _rewritten(*pairs: tuple[_End, _End]) -> Iterator[TripleMap]:
             *a[0].where,
             *(each.format(**letters) for each in b[0].where),
             f"{letters['a']}.map_id = {{a}}.map_id",
-            condition.format(a=a[2], b=b[2].format(**letters)),
+            *_in_one_frame(name, condition, a[2], b[2].format(**letters)),
         )
         source = TripleTables((*a[0].tables, *b[0].tables), where, "{a}.map_id")
         yield TripleMap(f"{GEO}{name}", source, a[1], b[1].placed(letters))

@@ -22,7 +22,7 @@ from semmap.knowledge.answer import Answer
 from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.rdflib_algebra import correct
-from semmap.knowledge.sparql.expressions import UntranslatedError
+from semmap.knowledge.sparql.expressions import UnitError, UntranslatedError
 from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries, Row, Session
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen
 from semmap.knowledge.sparql.stored_terms import Term
@@ -294,6 +294,8 @@ def errors_of(parsed: ParsedText) -> Iterator[None]:
         yield
     except FieldError as error:
         raise parsed.error(error.reason, error.place) from error
+    except UnitError as error:
+        raise parsed.error(str(error), 0) from error
     except psycopg.errors.InvalidRegularExpression as error:
         raise parsed.error(f"this has an invalid regular expression: {_first(error)}", 0) from error
     except psycopg.DataError as error:

@@ -13,7 +13,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.knowledge.fields.properties import field_properties
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import COMPUTED, REWRITTEN, TRIPLES
-from semmap.knowledge.sparql.constants import Constants, iris_in
+from semmap.knowledge.sparql.constants import Constants, iris_in, literals_in
 from semmap.knowledge.sparql.expressions import CASTS
 from semmap.knowledge.sparql.geosparql import FUNCTIONS
 from semmap.knowledge.vocabulary import GEOF, SEMMAP, TYPE, decode
@@ -24,6 +24,8 @@ _STATED = (
     "SELECT n FROM unnest(%(iris)s::text[]) n WHERE EXISTS (SELECT FROM triple s "
     "WHERE s.map_id = %(map)s AND term_id(n) IN (s.subject, s.predicate, s.object, s.graph))"
 )
+_SYSTEM = re.compile(r"<(http://www.opengis.net/def/crs/[^>]*|urn:ogc:def:crs:[^>]*)>")
+_UNREAD = "SELECT n FROM unnest(%s::text[]) n WHERE (reference_system(n)).srid IS NULL"
 _ENTITIES = "SELECT name FROM entity WHERE map_id = %s"
 _TYPES = "SELECT name FROM semantic_type"
 _CLASSES = "SELECT iri FROM semantic_type WHERE iri IS NOT NULL"
@@ -40,7 +42,10 @@ def unknown_names(view: MapView, constants: Constants, *trees: Any) -> list[str]
     if missing:
         values = {"iris": sorted(missing), "map": view.number}
         missing -= {row[0] for row in view.session.execute(_STATED, values)}
-    sentences = [_sentence(view, iri) for iri in sorted(missing) if not _is_value(view, iri)]
+    systems = sorted(set(_SYSTEM.findall(" ".join(text for text, _ in literals_in(trees)))))
+    unread = view.session.execute(_UNREAD, [systems]).fetchall() if systems else ()
+    sentences = [f"there is no geometry in <{iri}>: its axes are not known" for (iri,) in unread]
+    sentences += [_sentence(view, iri) for iri in sorted(missing) if not _is_value(view, iri)]
     called = {str(n.iri) for n in nodes_in(trees) if getattr(n, "name", "") == "Function"}
     return sentences + [
         _of_function(iri) for iri in sorted(called - FUNCTIONS.keys() - CASTS.keys())

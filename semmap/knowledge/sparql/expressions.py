@@ -14,7 +14,10 @@ from semmap.knowledge.mapping import DATATYPES
 from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.geosparql import (
     FUNCTIONS,
+    UNITS,
+    GeoFunction,
     geometry_of,
+    in_one_system,
     surface_comparison,
     within_distance,
 )
@@ -53,6 +56,10 @@ _OF_TEXTS = {
 
 class UntranslatedError(Exception):
     """A part of SPARQL's algebra that has no translation to SQL: why."""
+
+
+class UnitError(ValueError):
+    """A unit that a function cannot measure in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -465,9 +472,17 @@ class Expressions:
             raise UntranslatedError(
                 f"{function.name} takes {counts} arguments, not {len(arguments)}"
             )
-        texts = []
-        for kind, value in zip(function.arguments, arguments, strict=False):
-            if kind == "geometry":
+        texts, sql = [], function.sql
+        units: tuple[str, ...] = ()
+        if function.metric and len(arguments) == len(function.arguments):
+            *arguments, _ = arguments
+            sql, units = self._in_unit(function, _listed(tree.expr)[-1])
+        for kind, value, given in zip(
+            function.arguments, arguments, _listed(tree.expr), strict=False
+        ):
+            if kind == "text" and isinstance(given, rdflib.Literal):
+                texts.append(self.bind(str(given)))
+            elif kind == "geometry":
                 texts.append(geometry_of(value))
             elif kind == "number":
                 texts.append(self._number(value))
@@ -475,8 +490,27 @@ class Expressions:
                 texts.append(value.sql)
             else:
                 texts.append(_OF_TEXTS[kind].format(self._text(value)))
+        if function.arguments[:2] == ("geometry", "geometry"):
+            texts[:2] = in_one_system(*texts[:2])
         between = tuple(texts) if function is FUNCTIONS[f"{SEMMAP}distance"] else None
-        return Value(function.result, f"({function.sql.format(*texts)})", between=between)
+        return Value(function.result, f"({sql.format(*texts, *units)})", between=between)
+
+    def _in_unit(self, function: GeoFunction, unit: Any) -> tuple[str, tuple[str, ...]]:
+        """Return the SQL of a function that measures in a unit, and of the last argument."""
+        kind, iri = function.arguments[-1], str(unit)
+        if not isinstance(unit, rdflib.URIRef):
+            raise UntranslatedError(f"the unit of {function.name} is not an IRI that it has")
+        if iri in UNITS[kind]:
+            return function.metric, (f"{UNITS[kind][iri]!r}::float8",)
+        if iri not in UNITS["angle"] or kind == "area":
+            known = ", ".join(each.rpartition("/")[2] for each in UNITS[kind])
+            raise UnitError(f"<{iri}> is no unit of {function.name}: it knows {known}")
+        degrees = UNITS["angle"][iri]
+        if function.result == "geometry":
+            flat = f"ST_Buffer({{0}}, {{1}} * {degrees!r})"
+        else:
+            flat = f"{function.sql} / {degrees!r}"
+        return f"CASE WHEN NOT is_metric({{0}}) THEN {flat} END", ()
 
     def _cast(self, value: Value, form: str, sql: str, kept: tuple[str, ...]) -> Value:
         if value.form == form:

@@ -1,7 +1,12 @@
-"""The functions of GeoSPARQL 1.1 as functions of PostGIS; maps are metric, units are metres."""
+"""The functions of GeoSPARQL 1.1 as functions of PostGIS.
+
+A literal without a reference system is in the map's frame, whose unit is the metre. Of literals
+with one, lengths and areas are those on the ellipsoid, where the system is not one of metres.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,9 +24,11 @@ class GeoFunction:
 
     name: str  # as errors write it
     sql: str  # with {0}, {1} ... for the arguments
-    arguments: tuple[str, ...]  # "geometry", "number", "text", "time", "entity" or "voxel"
+    # "geometry", "number", "text", "time", "entity", "voxel"; "length", "area" for a unit of one
+    arguments: tuple[str, ...]
     result: Form  # the form of the result
     optional: int = 0  # how many of the last arguments may be left out
+    metric: str = ""  # the same in metres, with the metres of a unit for its argument
 
     @property
     def counts(self) -> range:
@@ -30,13 +37,32 @@ class GeoFunction:
 
 
 _ONE, _TWO = ("geometry",), ("geometry", "geometry")
+_DISTANCE = "ground_measure({0}, 'distance', {1})"
+_AREA, _LENGTH, _PERIMETER = (
+    f"ground_measure({{0}}, '{what}')" for what in ("area", "length", "perimeter")
+)
+_SYSTEM = r"coalesce(substring({0} from '^\s*<([^>]*)>'), '')"
 
-_TABLE: tuple[tuple[str, str, tuple[str, ...], Form, int], ...] = (
+_TABLE: tuple[tuple[Any, ...], ...] = (
     # Non-topological functions (GeoSPARQL 1.1, section 10.8)
-    ("distance", "ST_Distance({0}, {1})", (*_TWO, "text"), "double", 1),
-    ("metricDistance", "ST_Distance({0}, {1})", _TWO, "double", 0),
-    ("buffer", "ST_Buffer({0}, {1})", ("geometry", "number", "text"), "geometry", 1),
-    ("metricBuffer", "ST_Buffer({0}, {1})", ("geometry", "number"), "geometry", 0),
+    (
+        "distance",
+        "ST_Distance({0}, {1})",
+        (*_TWO, "length"),
+        "double",
+        1,
+        f"{_DISTANCE} / {{2}}",
+    ),
+    ("metricDistance", _DISTANCE, _TWO, "double", 0),
+    (
+        "buffer",
+        "ST_Buffer({0}, {1})",
+        ("geometry", "number", "length"),
+        "geometry",
+        1,
+        "ground_buffer({0}, {1} * {2})",
+    ),
+    ("metricBuffer", "ground_buffer({0}, {1})", ("geometry", "number"), "geometry", 0),
     ("convexHull", "ST_ConvexHull({0})", _ONE, "geometry", 0),
     ("concaveHull", "ST_ConcaveHull({0}, 0.8)", _ONE, "geometry", 0),
     ("intersection", "ST_Intersection({0}, {1})", _TWO, "geometry", 0),
@@ -47,12 +73,12 @@ _TABLE: tuple[tuple[str, str, tuple[str, ...], Form, int], ...] = (
     ("boundary", "ST_Boundary({0})", _ONE, "geometry", 0),
     ("boundingCircle", "ST_MinimumBoundingCircle({0})", _ONE, "geometry", 0),
     ("centroid", "ST_Centroid({0})", _ONE, "geometry", 0),
-    ("area", "ST_Area({0})", (*_ONE, "text"), "double", 1),
-    ("metricArea", "ST_Area({0})", _ONE, "double", 0),
-    ("length", "ST_Length({0})", (*_ONE, "text"), "double", 1),
-    ("metricLength", "ST_Length({0})", _ONE, "double", 0),
-    ("perimeter", "ST_Perimeter({0})", (*_ONE, "text"), "double", 1),
-    ("metricPerimeter", "ST_Perimeter({0})", _ONE, "double", 0),
+    ("area", "ST_Area({0})", (*_ONE, "area"), "double", 1, f"{_AREA} / {{1}}"),
+    ("metricArea", _AREA, _ONE, "double", 0),
+    ("length", "ST_Length({0})", (*_ONE, "length"), "double", 1, f"{_LENGTH} / {{1}}"),
+    ("metricLength", _LENGTH, _ONE, "double", 0),
+    ("perimeter", "ST_Perimeter({0})", (*_ONE, "length"), "double", 1, f"{_PERIMETER} / {{1}}"),
+    ("metricPerimeter", _PERIMETER, _ONE, "double", 0),
     ("minX", "ST_XMin({0})", _ONE, "double", 0),
     ("minY", "ST_YMin({0})", _ONE, "double", 0),
     ("minZ", "ST_ZMin({0})", _ONE, "double", 0),
@@ -69,11 +95,12 @@ _TABLE: tuple[tuple[str, str, tuple[str, ...], Form, int], ...] = (
     ("numGeometries", "ST_NumGeometries({0})", _ONE, "integer", 0),
     ("geometryN", "ST_GeometryN({0}, ({1})::int)", ("geometry", "number"), "geometry", 0),
     ("geometryType", f"'{SF}' || substr(ST_GeometryType({{0}}), 4)", _ONE, "iri", 0),
-    ("getSRID", "''::text", _ONE, "string", 0),
+    ("getSRID", _SYSTEM, ("text",), "string", 0),
+    ("transform", "in_system({0}, {1})", ("geometry", "text"), "geometry", 0),
     ("relate", "ST_Relate({0}, {1}, {2})", (*_TWO, "text"), "boolean", 0),
     ("asWKT", "{0}", _ONE, "geometry", 0),
-    ("asGML", "ST_AsGML(3, {0})", (*_ONE, "text"), "gml", 1),
-    ("asGeoJSON", "ST_AsGeoJSON({0})", _ONE, "geojson", 0),
+    ("asGML", "geometry_gml({0})", (*_ONE, "text"), "gml", 1),
+    ("asGeoJSON", "geometry_json({0})", _ONE, "geojson", 0),
 )
 
 _OWN: tuple[tuple[str, str, tuple[str, ...], Form], ...] = (
@@ -109,17 +136,52 @@ FUNCTIONS: Mapping[str, GeoFunction] = {
 `semmap:positionAt` where an entity was at a time; `semmap:x`, `y` and `z` are those of the centre
 of a voxel."""
 
+_GROUP = "put_together(array_agg({0}))"
+
 AGGREGATES: Mapping[str, str] = {
-    "aggBoundingBox": "ST_Envelope(ST_Collect({0}))",
-    "aggBoundingCircle": "ST_MinimumBoundingCircle(ST_Collect({0}))",
-    "aggCentroid": "ST_Centroid(ST_Collect({0}))",
-    "aggConcaveHull": "ST_ConcaveHull(ST_Collect({0}), 0.8)",
-    "aggConvexHull": "ST_ConvexHull(ST_Collect({0}))",
-    "aggUnion": "ST_Union({0})",
+    "aggBoundingBox": f"ST_Envelope({_GROUP})",
+    "aggBoundingCircle": f"ST_MinimumBoundingCircle({_GROUP})",
+    "aggCentroid": f"ST_Centroid({_GROUP})",
+    "aggConcaveHull": f"ST_ConcaveHull({_GROUP}, 0.8)",
+    "aggConvexHull": f"ST_ConvexHull({_GROUP})",
+    "aggUnion": f"ST_UnaryUnion({_GROUP})",
 }
 """The functions of `geof:` that make one geometry of those of a group."""
 
 _TURNED = str.maketrans("<>", "><")
+_UOM, _QUDT = "http://www.opengis.net/def/uom/OGC/1.0/", "http://qudt.org/vocab/unit/"
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "length": {
+        f"{_UOM}metre": 1.0,
+        f"{_QUDT}M": 1.0,
+        f"{_QUDT}KiloM": 1000.0,
+        f"{_QUDT}CentiM": 0.01,
+        f"{_QUDT}MilliM": 0.001,
+        f"{_QUDT}IN": 0.0254,
+        f"{_QUDT}FT": 0.3048,
+        f"{_QUDT}YD": 0.9144,
+        f"{_QUDT}MI": 1609.344,
+    },
+    "area": {
+        f"{_UOM}metre": 1.0,
+        f"{_QUDT}M2": 1.0,
+        f"{_QUDT}KiloM2": 1e6,
+        f"{_QUDT}CentiM2": 1e-4,
+        f"{_QUDT}MilliM2": 1e-6,
+        f"{_QUDT}HA": 1e4,
+        f"{_QUDT}FT2": 0.09290304,
+        f"{_QUDT}AC": 4046.8564224,
+    },
+    "angle": {
+        f"{_UOM}degree": 1.0,
+        f"{_QUDT}DEG": 1.0,
+        f"{_UOM}radian": 57.29577951308232,
+        f"{_QUDT}RAD": 57.29577951308232,
+    },
+}
+"""Units in metres, square metres and degrees."""
+
 _DISTANCES = {f"{GEOF}distance", f"{GEOF}metricDistance"}
 
 
@@ -148,9 +210,23 @@ def surface_comparison(a: Value, operator: str, b: Value) -> str | None:
 def within_distance(
     tree: CompValue, value: Callable[[Any], Value], number: Callable[[Value], str]
 ) -> str | None:
-    """Return a condition that the spatial index answers, for `geof:distance(a, b) < d`."""
+    """Return a condition that the index of footprints answers, for `geof:distance(a, b) < d`."""
     near, far = (tree.expr, tree.other) if tree.op in ("<", "<=") else (tree.other, tree.expr)
     if getattr(near, "name", "") != "Function" or str(near.iri) not in _DISTANCES:
         return None
-    a, b = (geometry_of(value(each)) for each in near.expr[:2])
-    return f"ST_DWithin({a}, {b}, {number(value(far))})"
+    ends = sorted((geometry_of(value(each)) for each in near.expr[:2]), key=_is_footprint)
+    factor = 1.0 if len(near.expr) < 3 else UNITS["length"].get(str(near.expr[2]))
+    if not _is_footprint(ends[1]) or factor is None:
+        return None
+    return f"({ends[1]} && ST_Expand({ends[0]}, {number(value(far))} * {factor!r}))"
+
+
+def in_one_system(a: str, b: str) -> tuple[str, str]:
+    """Return two geometries in one reference system; the index of footprints is still seen."""
+    if _is_footprint(b):
+        return a if _is_footprint(a) else f"in_map_frame({a})", b
+    return a, f"in_map_frame({b})" if _is_footprint(a) else f"alike({b}, {a})"
+
+
+def _is_footprint(sql: str) -> bool:
+    return re.fullmatch(r"\w+\.footprint", sql) is not None

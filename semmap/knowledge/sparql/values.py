@@ -67,7 +67,7 @@ _TEXTS: Mapping[Form, str] = {
     "decimal": "rdf_decimal(({})::numeric)",
     "double": "rdf_double({})",
     "time": "rdf_time({})",
-    "geometry": "ST_AsText({})",
+    "geometry": "geometry_text({})",
     # What `type_iri` returns, without a call for each row: the server inlines no subselect.
     "type": "coalesce((SELECT n.iri FROM semantic_type n WHERE n.name = {0}), "
     f"'{TYPE}' || iri_encode({{0}}))",
