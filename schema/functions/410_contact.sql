@@ -50,7 +50,7 @@ END $$;
 CREATE FUNCTION near_point(thing bigint, goal geometry)
 RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- The point of one patch of an entity that is nearest to a point: of the patch whose box is nearest on the ground, so
--- that one is unpacked alone. Null without patches.
+-- that one is unpacked alone. Without patches, of what is drawn, else the point where it is.
 DECLARE
     at_pose double precision[];
     local geometry;
@@ -60,6 +60,10 @@ BEGIN
     local := semmap.pose_apply(goal, semmap.pose_inverse(at_pose));
     SELECT c.geom INTO patch FROM semmap.entity_chunk ec JOIN semmap.chunk c ON c.id = ec.chunk_id
         WHERE ec.entity_id = thing ORDER BY c.geom <#> local LIMIT 1;
+    IF patch IS NULL THEN
+        patch := coalesce((SELECT semmap.drawn_surface(em.model_id) FROM semmap.entity_model em
+                           WHERE em.entity_id = thing ORDER BY em.role DESC, em.model_id LIMIT 1), ST_MakePoint(0, 0, 0));
+    END IF;
     RETURN semmap.pose_apply(ST_3DClosestPoint(patch, local), at_pose);
 END $$;
 
@@ -115,7 +119,7 @@ BEGIN
             RETURN false;
         END IF;
         at_a := semmap.near_point(a, ST_EndPoint(line));
-        line := coalesce(ST_MakeLine(at_a, semmap.near_point(b, at_a)), line);
+        line := ST_MakeLine(at_a, semmap.near_point(b, at_a));
         IF ST_3DLength(line) <= reach THEN
             RETURN true;
         END IF;
@@ -159,18 +163,22 @@ RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path
 DECLARE
     gap double precision;
     nowhere boolean;
+    slack double precision := 1e-9 * (1 + abs(distance));  -- within it, the distance itself is compared
 BEGIN
     SELECT semmap.box_gap(wa.box, wb.box), wa.footprint IS NULL AND semmap.is_nowhere(a)
             OR wb.footprint IS NULL AND semmap.is_nowhere(b)
         INTO gap, nowhere
         FROM semmap.world wa JOIN semmap.world wb ON wb.map_id = wa.map_id WHERE wa.entity_id = a AND wb.entity_id = b;
-    IF NOT FOUND OR nowhere OR distance IS NULL THEN
+    IF NOT FOUND OR nowhere OR distance IS NULL OR distance = 'NaN' THEN
         RETURN NULL;
-    ELSIF NOT or_equal THEN
-        distance := distance * (1 - 2.220446049250313e-16);  -- the next that is less
+    ELSIF distance < 0 OR distance = 0 AND NOT or_equal OR gap > distance + slack THEN
+        RETURN false;
+    ELSIF distance > slack AND (a = b OR semmap.is_near(a, b, distance - slack)) THEN
+        RETURN true;
+    ELSIF NOT (a = b OR semmap.is_near(a, b, distance + slack)) THEN
+        RETURN false;
     END IF;
-    RETURN (distance > 0 OR or_equal AND distance = 0)
-        AND (a = b OR gap <= distance AND semmap.is_near(a, b, distance));
+    RETURN CASE WHEN or_equal THEN semmap.surface_distance(a, b) <= distance ELSE semmap.surface_distance(a, b) < distance END;
 END $$;
 
 CREATE FUNCTION nearest_patches(of_a geometry[], of_b geometry[], reach double precision)

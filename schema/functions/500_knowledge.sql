@@ -252,7 +252,7 @@ DECLARE
         ELSE substring(iri from '(?:/EPSG/[^/]*/|^urn:ogc:def:crs:EPSG:[^:]*:|^EPSG:)([0-9]{1,5})$')::integer END;
     known text := (SELECT s.srtext FROM public.spatial_ref_sys s WHERE s.srid = code);
 BEGIN
-    IF code = 0 OR iri ~ '[/:]CRS84$' OR known ~ '^PROJCS.*AXIS\["[^"]*",EAST\],AXIS\["[^"]*",NORTH\]' THEN
+    IF code = 0 OR iri ~ '[/:]CRS84$' OR known LIKE 'GEOGCS%lon-lat%' OR known ~ '^PROJCS.*AXIS\["[^"]*",EAST\],AXIS\["[^"]*",NORTH\]' THEN
         srid := code;
         north_first := false;
     ELSIF known LIKE 'GEOGCS%' OR known ~ '^PROJCS.*AXIS\["[^"]*",NORTH\],AXIS\["[^"]*",EAST\]' THEN
@@ -269,10 +269,11 @@ RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT SET search_path = semmap, pub
 DECLARE
     form text := substring(tag from '^http://www\.opengis\.net/ont/geosparql#(wkt|gml|geoJSON)Literal$');
     named text := CASE form WHEN 'wkt' THEN substring(written from '^\s*<([^>]*)>')
-                            WHEN 'gml' THEN substring(written from 'srsName\s*=\s*["'']([^"'']*)["'']') END;
+                            WHEN 'gml' THEN substring(written from 'srsName\s*=\s*["'']([^"'']*)["'']')
+                            WHEN 'geoJSON' THEN written::jsonb #>> '{crs,properties,name}' END;
     bare text := CASE form WHEN 'wkt' THEN regexp_replace(written, '^\s*<[^>]*>', '')
-                           WHEN 'gml' THEN regexp_replace(written, '\ssrs(Name|Dimension)\s*=\s*("[^"]*"|''[^'']*'')', '', 'g')
-                           ELSE written END;
+                           WHEN 'gml' THEN regexp_replace(written, '\ssrsName\s*=\s*("[^"]*"|''[^'']*'')', '', 'g')
+                           WHEN 'geoJSON' THEN (written::jsonb - 'crs')::text END;
     found geometry;
     its record;
 BEGIN
@@ -283,12 +284,34 @@ BEGIN
                            WHEN 'geoJSON' THEN ST_GeomFromGeoJSON(bare) END;
     END IF;
     IF named IS NULL THEN
-        RETURN CASE WHEN form = 'geoJSON' AND written::jsonb ? 'crs' THEN found ELSE ST_SetSRID(found, 0) END;
+        RETURN ST_SetSRID(found, 0);
     END IF;
     its := semmap.reference_system(named);
     found := ST_SetSRID(found, its.srid);
-    RETURN CASE WHEN its.north_first THEN ST_FlipCoordinates(found) ELSE found END;
+    RETURN CASE WHEN its.north_first AND form <> 'geoJSON' THEN ST_FlipCoordinates(found) ELSE found END;
 EXCEPTION WHEN OTHERS THEN
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION literal_system(written text, tag text)
+RETURNS text LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- The reference system that a geometry literal names, empty for the map's frame; null for any other text.
+BEGIN
+    IF semmap.text_geometry(written, tag) IS NULL THEN
+        RETURN NULL;
+    END IF;
+    RETURN coalesce(CASE substring(tag from '#(wkt|gml|geoJSON)Literal$')
+        WHEN 'wkt' THEN substring(written from '^\s*<([^>]*)>')
+        WHEN 'gml' THEN substring(written from 'srsName\s*=\s*["'']([^"'']*)["'']')
+        ELSE written::jsonb #>> '{crs,properties,name}' END, '');
+END $$;
+
+CREATE FUNCTION transformed(geom geometry, to_srid integer)
+RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+-- A geometry in another reference system; null where it has no place in it.
+BEGIN
+    RETURN ST_Transform(geom, to_srid);
+EXCEPTION WHEN OTHERS THEN  -- PROJ has one error for all that it refuses
     RETURN NULL;
 END $$;
 
@@ -319,7 +342,7 @@ CREATE FUNCTION geometry_json(geom geometry)
 RETURNS text LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
 -- A geometry as GeoJSON: in longitude and latitude, which it says, unless it is in the map's frame.
-SELECT CASE WHEN ST_SRID(geom) = 0 THEN ST_AsGeoJSON(geom) ELSE ST_AsGeoJSON(ST_Transform(geom, 4326), 9, 2) END;
+SELECT CASE WHEN ST_SRID(geom) = 0 THEN ST_AsGeoJSON(geom) ELSE ST_AsGeoJSON(semmap.transformed(geom, 4326), 9, 2) END;
 END;
 
 CREATE FUNCTION in_map_frame(geom geometry)
@@ -334,7 +357,7 @@ RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
 -- A geometry in the reference system of another; null where one alone is in the map's frame.
 SELECT CASE WHEN ST_SRID(geom) = ST_SRID(other) THEN geom
-            WHEN ST_SRID(geom) <> 0 AND ST_SRID(other) <> 0 THEN ST_Transform(geom, ST_SRID(other)) END;
+            WHEN ST_SRID(geom) <> 0 AND ST_SRID(other) <> 0 THEN semmap.transformed(geom, ST_SRID(other)) END;
 END;
 
 CREATE FUNCTION in_system(geom geometry, iri text)
@@ -343,7 +366,7 @@ RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = 
 DECLARE
     code integer := (semmap.reference_system(iri)).srid;
 BEGIN
-    RETURN CASE WHEN ST_SRID(geom) <> 0 AND code <> 0 THEN ST_Transform(geom, code) END;
+    RETURN CASE WHEN ST_SRID(geom) <> 0 AND code <> 0 THEN semmap.transformed(geom, code) END;
 END $$;
 
 CREATE FUNCTION put_together(parts geometry[])
@@ -366,19 +389,23 @@ END;
 
 CREATE FUNCTION ground_measure(geom geometry, what text, other geometry DEFAULT NULL)
 RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
--- The area, length, perimeter, or distance to another geometry, in metres: on the plane, or on the ellipsoid where
--- coordinates are not metres.
+-- The area, length, perimeter, or distance to another geometry, in metres: on the plane where coordinates are metres of
+-- one system, else on the ellipsoid; null for what the ellipsoid has no place for.
 DECLARE
-    round geography;
+    ground geography;
 BEGIN
-    IF semmap.is_metric(geom) THEN
+    IF ST_SRID(geom) = coalesce(ST_SRID(other), ST_SRID(geom)) AND semmap.is_metric(geom) THEN
         RETURN CASE what WHEN 'area' THEN ST_Area(geom) WHEN 'length' THEN ST_Length(geom)
-            WHEN 'perimeter' THEN ST_Perimeter(geom) ELSE ST_Distance(geom, semmap.alike(other, geom)) END;
+            WHEN 'perimeter' THEN ST_Perimeter(geom) ELSE ST_Distance(geom, other) END;
+    ELSIF ST_SRID(geom) = 0 OR ST_SRID(other) = 0 THEN
+        RETURN NULL;
     END IF;
-    round := ST_Transform(geom, 4326)::geography;
-    RETURN CASE what WHEN 'area' THEN ST_Area(round) WHEN 'length' THEN ST_Length(round)
-        WHEN 'perimeter' THEN ST_Perimeter(round)
-        ELSE ST_Distance(round, ST_Transform(semmap.alike(other, geom), 4326)::geography) END;
+    ground := ST_CurveToLine(ST_Force2D(ST_Transform(geom, 4326)))::geography;
+    RETURN CASE what WHEN 'area' THEN ST_Area(ground) WHEN 'length' THEN ST_Length(ground)
+        WHEN 'perimeter' THEN ST_Perimeter(ground)
+        ELSE ST_Distance(ground, ST_CurveToLine(ST_Force2D(ST_Transform(other, 4326)))::geography) END;
+EXCEPTION WHEN OTHERS THEN  -- PROJ and the type have one error for all that they refuse
+    RETURN NULL;
 END $$;
 
 CREATE FUNCTION ground_buffer(geom geometry, metres double precision)
@@ -388,7 +415,10 @@ BEGIN
     IF semmap.is_metric(geom) THEN
         RETURN ST_Buffer(geom, metres);
     END IF;
-    RETURN ST_Transform(ST_Buffer(ST_Transform(geom, 4326)::geography, metres)::geometry, ST_SRID(geom));
+    RETURN ST_Transform(ST_Buffer(ST_CurveToLine(ST_Force2D(ST_Transform(geom, 4326)))::geography, metres)::geometry,
+                        ST_SRID(geom));
+EXCEPTION WHEN OTHERS THEN
+    RETURN NULL;
 END $$;
 
 CREATE FUNCTION rdf_number(value text, tag text)

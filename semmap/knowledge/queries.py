@@ -218,7 +218,7 @@ def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most
         with without_warnings():
             found = evalQuery(dataset, prepared, {})
             bindings = list(islice(found.get("bindings") or (), most + 1))
-    except (psycopg.Error, KnowledgeError, RecursionError):
+    except (psycopg.Error, KnowledgeError, RecursionError, UnitError):
         raise
     except Exception as problem:  # rdflib raises anything on what it cannot evaluate
         raise KnowledgeError(
@@ -298,7 +298,7 @@ def errors_of(parsed: ParsedText) -> Iterator[None]:
         raise parsed.error(str(error), 0) from error
     except psycopg.errors.InvalidRegularExpression as error:
         raise parsed.error(f"this has an invalid regular expression: {_first(error)}", 0) from error
-    except psycopg.DataError as error:
+    except (psycopg.DataError, psycopg.errors.InternalError_) as error:
         raise parsed.error(f"a value cannot be computed: {_first(error)}", 0) from error
     except (psycopg.errors.StatementTooComplex, psycopg.errors.ProgramLimitExceeded) as error:
         raise parsed.error(f"this is too large: {_first(error)}", 0) from error

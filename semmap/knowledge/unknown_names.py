@@ -12,7 +12,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.fields.properties import field_properties
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.mapping import COMPUTED, REWRITTEN, TRIPLES
+from semmap.knowledge.mapping import COMPUTED, DATATYPES, REWRITTEN, TRIPLES
 from semmap.knowledge.sparql.constants import Constants, iris_in, literals_in
 from semmap.knowledge.sparql.expressions import CASTS
 from semmap.knowledge.sparql.geosparql import FUNCTIONS
@@ -24,7 +24,7 @@ _STATED = (
     "SELECT n FROM unnest(%(iris)s::text[]) n WHERE EXISTS (SELECT FROM triple s "
     "WHERE s.map_id = %(map)s AND term_id(n) IN (s.subject, s.predicate, s.object, s.graph))"
 )
-_SYSTEM = re.compile(r"<(http://www.opengis.net/def/crs/[^>]*|urn:ogc:def:crs:[^>]*)>")
+_SYSTEM = re.compile(r"""^\s*<([^>]*)>|srsName\s*=\s*["']([^"']*)["']""")
 _UNREAD = "SELECT n FROM unnest(%s::text[]) n WHERE (reference_system(n)).srid IS NULL"
 _ENTITIES = "SELECT name FROM entity WHERE map_id = %s"
 _TYPES = "SELECT name FROM semantic_type"
@@ -42,7 +42,7 @@ def unknown_names(view: MapView, constants: Constants, *trees: Any) -> list[str]
     if missing:
         values = {"iris": sorted(missing), "map": view.number}
         missing -= {row[0] for row in view.session.execute(_STATED, values)}
-    systems = sorted(set(_SYSTEM.findall(" ".join(text for text, _ in literals_in(trees)))))
+    systems = sorted({*_systems(trees)})
     unread = view.session.execute(_UNREAD, [systems]).fetchall() if systems else ()
     sentences = [f"there is no geometry in <{iri}>: its axes are not known" for (iri,) in unread]
     sentences += [_sentence(view, iri) for iri in sorted(missing) if not _is_value(view, iri)]
@@ -50,6 +50,17 @@ def unknown_names(view: MapView, constants: Constants, *trees: Any) -> list[str]
     return sentences + [
         _of_function(iri) for iri in sorted(called - FUNCTIONS.keys() - CASTS.keys())
     ]
+
+
+def _systems(trees: Any) -> Iterator[str]:
+    """Yield the reference systems that literals and transformations of a query name."""
+    shapes = (DATATYPES["geometry"], DATATYPES["gml"])
+    for text, tag in literals_in(trees):
+        if tag in shapes and (named := _SYSTEM.search(text)):
+            yield named[1] or named[2]
+    for node in nodes_in(trees):
+        if getattr(node, "name", "") == "Function" and str(node.iri) == f"{GEOF}transform":
+            yield from (str(each) for each in node.expr[1:] if isinstance(each, URIRef))
 
 
 def _of_function(iri: str) -> str:

@@ -80,9 +80,38 @@ def test_distances_are_those_of_fcl(
     found = ask(module_engine, "surface_distance(:a, :b)", a=a, b=b)
     assert abs(found - expected) < 1e-6
     assert abs(ask(module_engine, "surface_distance(:b, :a)", a=a, b=b) - expected) < 1e-6
-    nearer = "is_nearer(:a, :b, :far, false)"
-    assert ask(module_engine, nearer, a=a, b=b, far=expected * 1.001 + 1e-5)
-    assert not ask(module_engine, nearer, a=a, b=b, far=expected * 0.999 - 1e-5)
+    nearer = "is_nearer(:a, :b, :far, {})"
+    for far, is_less, is_not_more in (
+        (found * 1.001 + 1e-5, True, True),
+        (found, False, True),
+        (found * 0.999 - 1e-5, False, False),
+    ):
+        assert ask(module_engine, nearer.format("false"), a=a, b=b, far=far) is is_less
+        assert ask(module_engine, nearer.format("true"), a=a, b=b, far=far) is is_not_more
+
+
+def test_a_point_has_a_distance_to_each_shape(module_engine: Engine) -> None:
+    """A thing without geometry, beside shapes that are not convex, by trimesh."""
+    world = bodies("shapes", list(SHAPES.values()))
+    ids = store(module_engine, f"points{next(MAPS)}", world)
+    places = np.random.default_rng(5).uniform(-1, 1, (12, 3))
+    add = text(
+        "WITH e AS (INSERT INTO entity (map_id, kind, name) "
+        "SELECT map_id, 'object', :name FROM entity WHERE id = :beside RETURNING id) "
+        "INSERT INTO placement (entity_id, pose) SELECT id, ARRAY[:x, :y, :z, 0, 0, 0, 1] FROM e "
+        "RETURNING entity_id"
+    )
+    for number, place in enumerate(places):
+        named = {"name": f"point{number}", "beside": ids["body0"]}
+        with module_engine.begin() as connection:
+            values = {**named, **dict(zip("xyz", map(float, place), strict=True))}
+            point = connection.execute(add, values).scalar_one()
+        for body, mesh in enumerate(SHAPES.values()):
+            shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+            expected = trimesh.proximity.closest_point(shape, [place])[1][0]
+            for a, b in ((point, ids[f"body{body}"]), (ids[f"body{body}"], point)):
+                found = ask(module_engine, "surface_distance(:a, :b)", a=a, b=b)
+                assert abs(found - expected) < 1e-6
 
 
 def test_limits_are_exact_and_what_has_no_place_has_no_distance(module_engine: Engine) -> None:
@@ -113,4 +142,6 @@ def test_limits_are_exact_and_what_has_no_place_has_no_distance(module_engine: E
     assert ask(module_engine, distance, a=first, b=other) is None
     assert compared(first, other, 9) == (None, None)
     assert compared(first, second, None) == (None, None)
+    assert compared(first, second, float("nan")) == (None, None)
+    assert compared(first, second, float("inf")) == (True, True)
     assert ask(module_engine, distance, a=first, b=-1) is None

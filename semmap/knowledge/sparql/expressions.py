@@ -482,6 +482,11 @@ class Expressions:
         ):
             if kind == "text" and isinstance(given, rdflib.Literal):
                 texts.append(self.bind(str(given)))
+            elif kind == "literal":
+                written = [self._text(value), tag_of(value)]
+                if isinstance(given, rdflib.Literal):
+                    written = [self.bind(part) for part in tag_and_text(given)]
+                texts.append(", ".join(written))
             elif kind == "geometry":
                 texts.append(geometry_of(value))
             elif kind == "number":
@@ -490,7 +495,7 @@ class Expressions:
                 texts.append(value.sql)
             else:
                 texts.append(_OF_TEXTS[kind].format(self._text(value)))
-        if function.arguments[:2] == ("geometry", "geometry"):
+        if function.arguments[:2] == ("geometry", "geometry") and "ground_measure" not in sql:
             texts[:2] = in_one_system(*texts[:2])
         between = tuple(texts) if function is FUNCTIONS[f"{SEMMAP}distance"] else None
         return Value(function.result, f"({sql.format(*texts, *units)})", between=between)
@@ -498,7 +503,7 @@ class Expressions:
     def _in_unit(self, function: GeoFunction, unit: Any) -> tuple[str, tuple[str, ...]]:
         """Return the SQL of a function that measures in a unit, and of the last argument."""
         kind, iri = function.arguments[-1], str(unit)
-        if not isinstance(unit, rdflib.URIRef):
+        if not isinstance(unit, (rdflib.URIRef, rdflib.Literal)):
             raise UntranslatedError(f"the unit of {function.name} is not an IRI that it has")
         if iri in UNITS[kind]:
             return function.metric, (f"{UNITS[kind][iri]!r}::float8",)

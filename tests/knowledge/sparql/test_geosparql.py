@@ -211,6 +211,7 @@ ARGUMENTS = {
     "entity": (":table", ":sofa"),
     "number": ("1", "1"),
     "text": ("", f"<{CRS}EPSG/0/25832>", '"T********"'),
+    "literal": ("",),
     "length": 3 * ("uom:metre",),
     "area": 2 * ("uom:metre",),
     "time": ("NOW()", "NOW()"),

@@ -24,6 +24,16 @@ longitudes, latitudes = st.floats(-179, 179), st.floats(-85, 85)
 places = st.tuples(longitudes, latitudes)
 
 
+GML = (
+    "\"<gml:Point xmlns:gml='http://www.opengis.net/gml/3.2' srsName='%s'>"
+    '<gml:pos>8 52</gml:pos></gml:Point>"^^geo:gmlLiteral'
+)
+JSON = (
+    '"""{"type": "Point", "coordinates": [8, 52], '
+    '"crs": {"type": "name", "properties": {"name": "%s"}}}"""^^geo:geoJSONLiteral'
+)
+
+
 def wkt(shape: str, system: str = "") -> str:
     return f'"<{system}> {shape}"^^geo:wktLiteral' if system else f'"{shape}"^^geo:wktLiteral'
 
@@ -85,6 +95,28 @@ def test_sizes_and_transformations(
         (f"geof:minX({wkt('POINT(52 8)', 'urn:ogc:def:crs:EPSG::4326')})", 8.0),
         (f"geof:distance({wkt('POINT(0 0)', UTM)}, {wkt('POINT(3 4)', UTM)}, uom:metre)", 5.0),
         (f"geof:distance({wkt('POINT(0 0)')}, {wkt('POINT(3 4)')}, <{UNIT}KiloM>)", 0.005),
+        # longitude first, as its name says
+        (f"geof:minX({wkt('POINT(8 52)', f'{CRS}EPSG/0/7084')})", 8.0),
+        # no place in the other system, no such line on the ellipsoid
+        (f"geof:transform({wkt('POINT(95 8)', WGS84)}, <{UTM}>)", None),
+        (f"geof:asGeoJSON({wkt('POINT(1e30 1e30)', UTM)})", None),
+        (f"geof:sfIntersects({wkt('POINT(0 0)', UTM)}, {wkt('POINT(8 95)', CRS84)})", None),
+        (f"geof:length({wkt('TIN(((0 0,1 1,2 0,0 0)))', CRS84)}, uom:metre)", None),
+        (f"geof:getSRID({GML % WGS84})", WGS84),
+        (
+            f"geof:getSRID({JSON % 'urn:ogc:def:crs:OGC:1.3:CRS84'})",
+            "urn:ogc:def:crs:OGC:1.3:CRS84",
+        ),
+        ('geof:getSRID("no"^^geo:wktLiteral)', None),
+        (f"geof:minX({JSON % 'urn:ogc:def:crs:OGC:1.3:CRS84'})", 8.0),
+        (f"geof:sfEquals({JSON % 'EPSG:4326'}, {wkt('POINT(52 8)', WGS84)})", True),
+        (f"geof:minX({JSON % 'EPSG:31467'})", None),
+        (f"geof:sfEquals({GML % WGS84}, {wkt('POINT(52 8)', CRS84)})", True),
+        (
+            f"geof:distance({wkt('POINT(0 0)')}, {wkt('POINT(3 4)')}, "
+            '"http://www.opengis.net/def/uom/OGC/1.0/metre"^^xsd:anyURI)',
+            5.0,
+        ),
         # one in the map's frame, one on the earth; an angle between points of a plane
         (f"geof:distance({wkt('POINT(0 0)')}, {wkt('POINT(3 4)', CRS84)}, uom:metre)", None),
         (f"geof:sfIntersects({wkt('POINT(0 0)')}, {wkt('POINT(0 0)', CRS84)})", None),
@@ -98,17 +130,18 @@ def test_axes_systems_and_units(loft: psycopg.Connection, expression: str, expec
     assert type(found) is type(expected)
 
 
+@pytest.mark.parametrize("z", ["", " 7"])
 @pytest.mark.parametrize("system", ["", CRS84, WGS84, UTM])
 @pytest.mark.parametrize("function", ["asWKT", "asGML", "asGeoJSON"])
 def test_what_is_written_is_read_again(
-    loft: psycopg.Connection, system: str, function: str
+    loft: psycopg.Connection, system: str, function: str, z: str
 ) -> None:
-    shape = (
-        "LINESTRING(48 9,49 9.5)" if system != UTM else "LINESTRING(400000 5300000,400100 5300200)"
-    )
+    ends = ("400000 5300000", "400100 5300200") if system == UTM else ("48 9", "49 9.5")
+    shape = f"LINESTRING{z and ' Z'}({', '.join(end + z for end in ends)})"
     written = f"geof:{function}(geof:intersection({wkt(shape, system)}, {wkt(shape, system)}))"
     end = "geof:distance({}, {}, uom:metre)"
     assert value(loft, end.format(written, wkt(shape, system))) < 1e-3
+    assert value(loft, f"geof:is3D({written})") is bool(z)
     length = "geof:length({}, uom:metre)"
     expected = value(loft, length.format(wkt(shape, system)))
     # GeoJSON is in degrees, so that lengths are those on the ellipsoid.
@@ -129,6 +162,35 @@ def test_a_buffer_on_the_earth_has_its_radius(loft: psycopg.Connection) -> None:
 def test_units_that_are_unknown_are_refused(loft: psycopg.Connection, unit: str) -> None:
     with pytest.raises(QueryError, match=r"is no unit of geof:distance: it knows metre"):
         value(loft, f"geof:distance({wkt('POINT(0 0)')}, {wkt('POINT(3 4)')}, {unit})")
+
+
+def test_a_unit_of_a_row_that_is_unknown_is_refused(loft: psycopg.Connection) -> None:
+    ends = f"{wkt('POINT(0 0)')}, {wkt('POINT(3 4)')}"
+    units = "VALUES ?u { uom:metre <http://example.org/furlong> }"
+    with pytest.raises(QueryError, match="furlong> is no unit of geof:distance"):
+        query(loft, f"SELECT (geof:distance({ends}, ?u) AS ?x) {{ {units} }}")
+
+
+def test_distances_between_two_systems_are_the_same_from_both(loft: psycopg.Connection) -> None:
+    a, b = wkt("POINT(1500000 5300000)", UTM), wkt("POINT(9 48)", CRS84)
+    found = value(loft, f"geof:metricDistance({a}, {b})")
+    x, y = pyproj.Transformer.from_crs(25832, 4326, always_xy=True).transform(1500000, 5300000)
+    assert found == pytest.approx(EARTH.inv(x, y, 9, 48)[2], rel=1e-6)
+    assert value(loft, f"geof:metricDistance({b}, {a})") == pytest.approx(found)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        f"geof:minX({wkt('POINT(1 2)', 'http://example.org/crs')})",
+        f"geof:minX({GML % 'http://example.org/crs'})",
+        f"geof:transform({wkt('POINT(1 2)', CRS84)}, <http://example.org/crs>)",
+    ],
+)
+def test_a_system_is_named_wherever_it_is(loft: psycopg.Connection, call: str) -> None:
+    answer = query(loft, f"SELECT ({call} AS ?x) {{}}")
+    assert answer.rows == ((None,),)
+    assert "http://example.org/crs" in answer.notes[0]
 
 
 @pytest.mark.parametrize("code", [31467, 4978, 99999])
