@@ -294,7 +294,7 @@ EXCEPTION WHEN OTHERS THEN
 END $$;
 
 CREATE FUNCTION literal_system(written text, tag text)
-RETURNS text LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+RETURNS text LANGUAGE plpgsql STABLE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- The reference system that a geometry literal names, empty for the map's frame; null for any other text.
 BEGIN
     IF semmap.text_geometry(written, tag) IS NULL THEN
@@ -307,7 +307,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION transformed(geom geometry, to_srid integer)
-RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+RETURNS geometry LANGUAGE plpgsql STABLE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- A geometry in another reference system; null where it has no place in it.
 BEGIN
     RETURN ST_Transform(geom, to_srid);
@@ -339,7 +339,7 @@ SELECT CASE WHEN ST_SRID(geom) = 0 THEN ST_AsGML(3, geom)
 END;
 
 CREATE FUNCTION geometry_json(geom geometry)
-RETURNS text LANGUAGE sql STABLE PARALLEL SAFE
+RETURNS text LANGUAGE sql STABLE
 BEGIN ATOMIC
 -- A geometry as GeoJSON: in longitude and latitude, which it says, unless it is in the map's frame.
 SELECT CASE WHEN ST_SRID(geom) = 0 THEN ST_AsGeoJSON(geom) ELSE ST_AsGeoJSON(semmap.transformed(geom, 4326), 9, 2) END;
@@ -353,7 +353,7 @@ SELECT CASE WHEN ST_SRID(geom) = 0 THEN geom END;
 END;
 
 CREATE FUNCTION alike(geom geometry, other geometry)
-RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE
+RETURNS geometry LANGUAGE sql STABLE
 BEGIN ATOMIC
 -- A geometry in the reference system of another; null where one alone is in the map's frame.
 SELECT CASE WHEN ST_SRID(geom) = ST_SRID(other) THEN geom
@@ -361,7 +361,7 @@ SELECT CASE WHEN ST_SRID(geom) = ST_SRID(other) THEN geom
 END;
 
 CREATE FUNCTION in_system(geom geometry, iri text)
-RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
+RETURNS geometry LANGUAGE plpgsql STABLE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- A geometry in another reference system; null from or to the map's frame, and for a system that is not known.
 DECLARE
     code integer := (semmap.reference_system(iri)).srid;
@@ -370,7 +370,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION put_together(parts geometry[])
-RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE
+RETURNS geometry LANGUAGE sql STABLE
 BEGIN ATOMIC
 -- A collection of geometries, in the reference system of the first; null where some are in the map's frame, some not.
 SELECT CASE WHEN count(*) = count(each.geom) THEN ST_Collect(each.geom) END
@@ -388,7 +388,7 @@ SELECT CASE WHEN geom IS NOT NULL THEN ST_SRID(geom) = 0 OR EXISTS (
 END;
 
 CREATE FUNCTION ground_measure(geom geometry, what text, other geometry DEFAULT NULL)
-RETURNS double precision LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+RETURNS double precision LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The area, length, perimeter, or distance to another geometry, in metres: on the plane where coordinates are metres of
 -- one system, else on the ellipsoid; null for what the ellipsoid has no place for.
 DECLARE
@@ -409,7 +409,7 @@ EXCEPTION WHEN OTHERS THEN  -- PROJ and the type have one error for all that the
 END $$;
 
 CREATE FUNCTION ground_buffer(geom geometry, metres double precision)
-RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+RETURNS geometry LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- What lies within some metres of a geometry, in its reference system.
 BEGIN
     IF semmap.is_metric(geom) THEN

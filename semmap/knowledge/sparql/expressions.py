@@ -10,6 +10,7 @@ from typing import Any
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
+from semmap.error import Error
 from semmap.knowledge.mapping import DATATYPES
 from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.geosparql import (
@@ -58,7 +59,7 @@ class UntranslatedError(Exception):
     """A part of SPARQL's algebra that has no translation to SQL: why."""
 
 
-class UnitError(ValueError):
+class UnitError(Error, ValueError):
     """A unit that a function cannot measure in."""
 
 
