@@ -233,6 +233,7 @@ DECLARE
     line geometry;  -- from one surface to the other
     shorter geometry := ST_3DShortestLine(corners_a, corners_b);
     look double precision[];
+    back double precision[];
     reach double precision;
     at_a geometry;
 BEGIN
@@ -253,8 +254,12 @@ BEGIN
         at_a := semmap.near_point(a, ST_EndPoint(line));
         shorter := ST_MakeLine(at_a, semmap.near_point(b, at_a));
     END LOOP;
+    -- Turned back, as boxes fit the triangles of most things best in the map's frame.
+    back := semmap.pose_inverse(look);
     RETURN semmap.nearest_patches(
-        ARRAY(SELECT semmap.surface_within(a, semmap.grown(semmap.pose_apply(corners_b, look)::box3d, reach), look)),
-        ARRAY(SELECT semmap.surface_within(b, semmap.grown(semmap.pose_apply(corners_a, look)::box3d, reach), look)),
+        ARRAY(SELECT semmap.pose_apply(p, back) FROM semmap.surface_within(
+            a, semmap.grown(semmap.pose_apply(corners_b, look)::box3d, reach), look) p),
+        ARRAY(SELECT semmap.pose_apply(q, back) FROM semmap.surface_within(
+            b, semmap.grown(semmap.pose_apply(corners_a, look)::box3d, reach), look) q),
         reach);
 END $$;
