@@ -268,15 +268,21 @@ RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT SET search_path = semmap, pub
 -- names none. An empty text is an empty geometry.
 DECLARE
     form text := substring(tag from '^http://www\.opengis\.net/ont/geosparql#(wkt|gml|geoJSON)Literal$');
-    named text := CASE form WHEN 'wkt' THEN substring(written from '^\s*<([^>]*)>')
-                            WHEN 'gml' THEN substring(written from 'srsName\s*=\s*["'']([^"'']*)["'']')
-                            WHEN 'geoJSON' THEN written::jsonb #>> '{crs,properties,name}' END;
-    bare text := CASE form WHEN 'wkt' THEN regexp_replace(written, '^\s*<[^>]*>', '')
-                           WHEN 'gml' THEN regexp_replace(written, '\ssrsName\s*=\s*("[^"]*"|''[^'']*'')', '', 'g')
-                           WHEN 'geoJSON' THEN (written::jsonb - 'crs')::text END;
+    named text;
+    bare text := '';
     found geometry;
     its record;
 BEGIN
+    IF form = 'wkt' THEN
+        named := substring(written from '^\s*<([^>]*)>');
+        bare := regexp_replace(written, '^\s*<[^>]*>', '');
+    ELSIF form = 'gml' THEN
+        named := substring(written from 'srsName\s*=\s*["'']([^"'']*)["'']');
+        bare := regexp_replace(written, '\ssrsName\s*=\s*("[^"]*"|''[^'']*'')', '', 'g');
+    ELSIF written ~ '\S' THEN
+        named := written::jsonb #>> '{crs,properties,name}';
+        bare := (written::jsonb - 'crs')::text;
+    END IF;
     IF form IS NOT NULL AND bare ~ '^\s*$' THEN
         found := 'GEOMETRYCOLLECTION EMPTY';
     ELSE
@@ -303,7 +309,7 @@ BEGIN
     RETURN coalesce(CASE substring(tag from '#(wkt|gml|geoJSON)Literal$')
         WHEN 'wkt' THEN substring(written from '^\s*<([^>]*)>')
         WHEN 'gml' THEN substring(written from 'srsName\s*=\s*["'']([^"'']*)["'']')
-        ELSE written::jsonb #>> '{crs,properties,name}' END, '');
+        ELSE nullif(btrim(written, E' \t\r\n'), '')::jsonb #>> '{crs,properties,name}' END, '');
 END $$;
 
 CREATE FUNCTION transformed(geom geometry, to_srid integer)
