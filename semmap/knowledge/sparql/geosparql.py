@@ -163,6 +163,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
         f"{_QUDT}MI": 1609.344,
     },
     "area": {
+        f"{_UOM}squareMetre": 1.0,
         f"{_UOM}metre": 1.0,
         f"{_QUDT}M2": 1.0,
         f"{_QUDT}KiloM2": 1e6,
