@@ -1,5 +1,17 @@
 -- How near surfaces come: is_touching, is_near. Distances in metres between surfaces, not boxes.
 
+CREATE FUNCTION along_longest_side(patches geometry[], whole box3d)
+RETURNS geometry[] LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- Triangles in the order of their middles along the longest side of their box `whole`.
+SELECT array_agg(p ORDER BY CASE greatest(ST_XMax(whole) - ST_XMin(whole), ST_YMax(whole) - ST_YMin(whole),
+                                          ST_ZMax(whole) - ST_ZMin(whole))
+                            WHEN ST_XMax(whole) - ST_XMin(whole) THEN ST_XMin(p) + ST_XMax(p)
+                            WHEN ST_YMax(whole) - ST_YMin(whole) THEN ST_YMin(p) + ST_YMax(p)
+                            ELSE ST_ZMin(p) + ST_ZMax(p) END)
+FROM unnest(patches) p;
+END;
+
 CREATE FUNCTION patches_meet(of_a geometry[], of_b geometry[], reach double precision)
 RETURNS boolean LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- Whether some triangle of `of_a` comes within `reach` of one of `of_b`. Boxes decide whole sets where
@@ -31,12 +43,7 @@ BEGIN
             CROSS JOIN unnest(of_a) p
             WHERE p &&& near.zone AND ST_3DDWithin(p, q, reach));
     END IF;
-    SELECT array_agg(p ORDER BY CASE greatest(ST_XMax(box_a) - ST_XMin(box_a), ST_YMax(box_a) - ST_YMin(box_a),
-                                              ST_ZMax(box_a) - ST_ZMin(box_a))
-                                WHEN ST_XMax(box_a) - ST_XMin(box_a) THEN ST_XMin(p) + ST_XMax(p)
-                                WHEN ST_YMax(box_a) - ST_YMin(box_a) THEN ST_YMin(p) + ST_YMax(p)
-                                ELSE ST_ZMin(p) + ST_ZMax(p) END)
-        INTO of_a FROM unnest(of_a) p;
+    of_a := semmap.along_longest_side(of_a, box_a);
     FOR side IN 0..1 LOOP
         half := CASE side WHEN 0 THEN of_a[:n / 2] ELSE of_a[n / 2 + 1:] END;
         SELECT semmap.grown(ST_3DExtent(p), reach) INTO zone FROM unnest(half) p;
@@ -204,12 +211,7 @@ BEGIN
     END IF;
     SELECT ST_3DExtent(p) INTO box_a FROM unnest(of_a) p;
     SELECT ST_3DExtent(p) INTO box_b FROM unnest(of_b) p;
-    SELECT array_agg(p ORDER BY CASE greatest(ST_XMax(box_a) - ST_XMin(box_a), ST_YMax(box_a) - ST_YMin(box_a),
-                                              ST_ZMax(box_a) - ST_ZMin(box_a))
-                                WHEN ST_XMax(box_a) - ST_XMin(box_a) THEN ST_XMin(p) + ST_XMax(p)
-                                WHEN ST_YMax(box_a) - ST_YMin(box_a) THEN ST_YMin(p) + ST_YMax(p)
-                                ELSE ST_ZMin(p) + ST_ZMax(p) END)
-        INTO of_a FROM unnest(of_a) p;
+    of_a := semmap.along_longest_side(of_a, box_a);
     FOR half, box_a IN
         SELECT part, whole FROM (VALUES (of_a[:n / 2]), (of_a[n / 2 + 1:])) v (part)
         CROSS JOIN LATERAL (SELECT ST_3DExtent(p) AS whole FROM unnest(part) p) e

@@ -41,6 +41,7 @@ _DISTANCE = "ground_measure({0}, 'distance', {1})"
 _AREA, _LENGTH, _PERIMETER = (
     f"ground_measure({{0}}, '{what}')" for what in ("area", "length", "perimeter")
 )
+_SYSTEM = "CASE WHEN text_geometry({0}) IS NOT NULL THEN coalesce(literal_system({0}), '') END"
 
 _TABLE: tuple[tuple[Any, ...], ...] = (
     # Non-topological functions (GeoSPARQL 1.1, section 10.8)
@@ -94,7 +95,7 @@ _TABLE: tuple[tuple[Any, ...], ...] = (
     ("numGeometries", "ST_NumGeometries({0})", _ONE, "integer", 0),
     ("geometryN", "ST_GeometryN({0}, ({1})::int)", ("geometry", "number"), "geometry", 0),
     ("geometryType", f"'{SF}' || substr(ST_GeometryType({{0}}), 4)", _ONE, "iri", 0),
-    ("getSRID", "literal_system({0})", ("literal",), "string", 0),
+    ("getSRID", _SYSTEM, ("literal",), "string", 0),
     ("transform", "in_system({0}, {1})", ("geometry", "text"), "geometry", 0),
     ("relate", "ST_Relate({0}, {1}, {2})", (*_TWO, "text"), "boolean", 0),
     ("asWKT", "{0}", _ONE, "geometry", 0),
