@@ -178,7 +178,7 @@ BEGIN
         FROM semmap.world wa JOIN semmap.world wb ON wb.map_id = wa.map_id WHERE wa.entity_id = a AND wb.entity_id = b;
     IF NOT FOUND OR nowhere OR distance IS NULL OR distance = 'NaN' THEN
         RETURN NULL;
-    ELSIF distance < 0 OR distance = 0 AND NOT or_equal OR gap > distance + slack THEN
+    ELSIF distance < 0 OR gap > distance + slack THEN
         RETURN false;
     ELSIF distance > slack AND (a = b OR semmap.is_near(a, b, distance - slack)) THEN
         RETURN true;

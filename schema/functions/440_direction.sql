@@ -29,7 +29,7 @@ CROSS JOIN LATERAL (SELECT ST_Rotate(ST_Centroid(semmap.ground_of(wa)), -front) 
 CROSS JOIN LATERAL (SELECT ST_X(t.spot) - least(greatest(ST_X(t.spot), ST_XMin(f.ground)), ST_XMax(f.ground)),
                            sign(sin(leftward - front)) * (ST_Y(t.spot) - least(
                                greatest(ST_Y(t.spot), ST_YMin(f.ground)), ST_YMax(f.ground)))) o (ahead, left_out)
-WHERE wb.entity_id = b AND wa.entity_id <> b
+WHERE wb.entity_id = b
   AND NOT (wa.footprint IS NULL AND semmap.is_nowhere(wa.entity_id)) AND NOT (wb.footprint IS NULL AND semmap.is_nowhere(b))
   AND CASE side WHEN 'front' THEN ahead > 0 AND ahead >= abs(left_out)
                 WHEN 'behind' THEN ahead < 0 AND -ahead >= abs(left_out)

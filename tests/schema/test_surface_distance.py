@@ -90,6 +90,31 @@ def test_distances_are_those_of_fcl(
         assert ask(module_engine, nearer.format("true"), a=a, b=b, far=far) is is_not_more
 
 
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(seed=st.integers(0, 10_000), apart=st.floats(0, 2), longest=st.floats(0.01, 0.6))
+def test_sets_that_are_divided_have_the_distance_of_fcl(
+    module_engine: Engine, seed: int, apart: float, longest: float
+) -> None:
+    dice = np.random.default_rng(seed)
+    meshes, texts = [], []
+    for start in (0.0, apart):
+        corners = dice.uniform(0, 1, (90, 1, 3)) + dice.uniform(-longest, longest, (90, 3, 3))
+        corners[:, :, 0] += start
+        meshes.append(Mesh(corners.reshape(-1, 3), np.arange(270, dtype=np.int32).reshape(-1, 3)))
+        closed = corners[:, [0, 1, 2, 0]]
+        rings = (", ".join(f"{x!r} {y!r} {z!r}" for x, y, z in ring) for ring in closed.tolist())
+        texts.append([f"TRIANGLE Z (({ring}))" for ring in rings])
+    sets = (f"ARRAY(SELECT g::geometry FROM unnest(CAST(:{name} AS text[])) g)" for name in "ab")
+    expected = oracle(meshes[0], Pose(), meshes[1], Pose())
+    sql = f"nearest_patches({', '.join(sets)}, :reach)"
+    found = ask(module_engine, sql, a=texts[0], b=texts[1], reach=10.0)
+    assert abs(found - expected) < 1e-6
+    kept = ask(module_engine, sql, a=texts[0], b=texts[1], reach=expected / 2)
+    assert kept == expected / 2, "none is nearer"
+
+
 def test_a_point_has_a_distance_to_each_shape(module_engine: Engine) -> None:
     """A thing without geometry, beside shapes that are not convex, by trimesh."""
     world = bodies("shapes", list(SHAPES.values()))

@@ -134,6 +134,12 @@ def test_axes_systems_and_units(loft: psycopg.Connection, expression: str, expec
     assert type(found) is type(expected)
 
 
+def test_coordinates_are_written_in_the_order_of_the_system(loft: psycopg.Connection) -> None:
+    system = f"{CRS}EPSG/0/4258"
+    moved = value(loft, f"geof:transform({wkt('POINT(8 52)', CRS84)}, <{system}>)")
+    assert str(moved) == f"<{system}> POINT(52 8)"
+
+
 @pytest.mark.parametrize("z", ["", " 7"])
 @pytest.mark.parametrize("system", ["", CRS84, WGS84, UTM])
 @pytest.mark.parametrize("function", ["asWKT", "asGML", "asGeoJSON"])
