@@ -66,7 +66,7 @@ EXCEPTION WHEN OTHERS THEN
 END $$;
 
 CREATE FUNCTION transformed(geom geometry, to_srid integer)
-RETURNS geometry LANGUAGE plpgsql STABLE STRICT SET search_path = semmap, public, pg_temp AS $$
+RETURNS geometry LANGUAGE plpgsql STABLE STRICT COST 5000 SET search_path = semmap, public, pg_temp AS $$
 -- A geometry in another reference system; null where it has no place in it.
 BEGIN
     RETURN ST_Transform(geom, to_srid);
@@ -104,36 +104,45 @@ BEGIN ATOMIC
 SELECT CASE WHEN ST_SRID(geom) = 0 THEN ST_AsGeoJSON(geom) ELSE ST_AsGeoJSON(semmap.transformed(geom, 4326), 9, 2) END;
 END;
 
-CREATE FUNCTION in_map_frame(geom geometry)
-RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE
-BEGIN ATOMIC
--- A geometry in the map's frame; null for one in a reference system.
-SELECT CASE WHEN ST_SRID(geom) = 0 THEN geom END;
-END;
-
-CREATE FUNCTION alike(geom geometry, other geometry)
+CREATE FUNCTION in_map_frame(geom geometry, of_map integer)
 RETURNS geometry LANGUAGE sql STABLE
 BEGIN ATOMIC
--- A geometry in the reference system of another; null where one alone is in the map's frame.
+-- A geometry in the frame of a map; null for one in a reference system where the map has no georeference.
+SELECT CASE WHEN ST_SRID(geom) = 0 THEN geom ELSE (
+    SELECT ST_SetSRID(ST_Rotate(ST_Translate(semmap.transformed(geom, m.crs), -m.easting, -m.northing), -m.rotation), 0)
+    FROM semmap.map m WHERE m.id = of_map) END;
+END;
+
+CREATE FUNCTION on_earth(geom geometry, of_map integer)
+RETURNS geometry LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- A geometry of the map's frame in WGS 84; null where the map has no georeference.
+SELECT ST_Transform(ST_SetSRID(ST_Translate(ST_Rotate(ST_Force2D(geom), m.rotation), m.easting, m.northing), m.crs), 4326)
+FROM semmap.map m WHERE m.id = of_map AND m.crs IS NOT NULL
+$$;
+
+CREATE FUNCTION alike(geom geometry, other geometry, of_map integer)
+RETURNS geometry LANGUAGE sql STABLE
+BEGIN ATOMIC
+-- A geometry in the reference system, or the frame, of another; null where a frame without a georeference is one of them.
 SELECT CASE WHEN ST_SRID(geom) = ST_SRID(other) THEN geom
-            WHEN ST_SRID(geom) <> 0 AND ST_SRID(other) <> 0 THEN semmap.transformed(geom, ST_SRID(other)) END;
+            WHEN ST_SRID(other) = 0 THEN semmap.in_map_frame(geom, of_map)
+            WHEN ST_SRID(geom) = 0 THEN semmap.transformed(semmap.on_earth(geom, of_map), ST_SRID(other))
+            ELSE semmap.transformed(geom, ST_SRID(other)) END;
 END;
 
-CREATE FUNCTION in_system(geom geometry, iri text)
-RETURNS geometry LANGUAGE plpgsql STABLE STRICT SET search_path = semmap, public, pg_temp AS $$
--- A geometry in another reference system; null from or to the map's frame, and for a system that is not known.
-DECLARE
-    code integer := (semmap.reference_system(iri)).srid;
-BEGIN
-    RETURN CASE WHEN ST_SRID(geom) <> 0 AND code <> 0 THEN semmap.transformed(geom, code) END;
-END $$;
-
-CREATE FUNCTION put_together(parts geometry[])
+CREATE FUNCTION in_system(geom geometry, iri text, of_map integer)
 RETURNS geometry LANGUAGE sql STABLE
 BEGIN ATOMIC
--- A collection of geometries, in the reference system of the first; null where some are in the map's frame, some not.
+-- A geometry in another reference system; null from a frame without a georeference, and for a system that is not known.
+SELECT semmap.alike(geom, ST_SetSRID('POINT EMPTY'::geometry, its.srid), of_map) FROM semmap.reference_system(iri) its;
+END;
+
+CREATE FUNCTION put_together(parts geometry[], of_map integer)
+RETURNS geometry LANGUAGE sql STABLE
+BEGIN ATOMIC
+-- A collection of geometries, in the reference system of the first; null where one has no place in it.
 SELECT CASE WHEN count(*) = count(each.geom) THEN ST_Collect(each.geom) END
-FROM (SELECT semmap.alike(p, first_value(p) OVER (ORDER BY n)) AS geom
+FROM (SELECT semmap.alike(p, first_value(p) OVER (ORDER BY n), of_map) AS geom
       FROM unnest(parts) WITH ORDINALITY u (p, n) WHERE p IS NOT NULL) each;
 END;
 
@@ -146,10 +155,10 @@ SELECT CASE WHEN geom IS NOT NULL THEN ST_SRID(geom) = 0 OR EXISTS (
     WHERE s.srid = ST_SRID(geom) AND s.srtext LIKE 'PROJCS%' AND s.proj4text LIKE '%+units=m %') END;
 END;
 
-CREATE FUNCTION ground_measure(geom geometry, what text, other geometry DEFAULT NULL)
+CREATE FUNCTION ground_measure(geom geometry, what text, other geometry DEFAULT NULL, of_map integer DEFAULT NULL)
 RETURNS double precision LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The area, length, perimeter, or distance to another geometry, in metres: on the plane where coordinates are metres of
--- one system, else on the ellipsoid; null for what the ellipsoid has no place for.
+-- one system, else on the ellipsoid; null for what has no place there.
 DECLARE
     ground geography;
 BEGIN
@@ -157,7 +166,7 @@ BEGIN
         RETURN CASE what WHEN 'area' THEN ST_Area(geom) WHEN 'length' THEN ST_Length(geom)
             WHEN 'perimeter' THEN ST_Perimeter(geom) ELSE ST_Distance(geom, other) END;
     ELSIF ST_SRID(geom) = 0 OR ST_SRID(other) = 0 THEN
-        RETURN NULL;
+        RETURN ST_Distance(semmap.in_map_frame(geom, of_map), semmap.in_map_frame(other, of_map));
     END IF;
     ground := ST_CurveToLine(ST_Force2D(ST_Transform(geom, 4326)))::geography;
     RETURN CASE what WHEN 'area' THEN ST_Area(ground) WHEN 'length' THEN ST_Length(ground)

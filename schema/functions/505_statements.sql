@@ -57,18 +57,52 @@ EXCEPTION WHEN lock_not_available THEN
     RETURN 0;
 END $$;
 
-CREATE FUNCTION stated_shape(written text)
-RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT SET search_path = semmap, public, pg_temp AS $$
--- The geometry of a term of WKT for topological relations; null where it has none, or an invalid one.
+CREATE FUNCTION stated_shape(written text, tag text)
+RETURNS geometry LANGUAGE plpgsql IMMUTABLE STRICT COST 5000 SET search_path = semmap, public, pg_temp AS $$
+-- The geometry of a term for topological relations; null where it has none, or an invalid one.
 DECLARE
-    shape geometry := semmap.text_geometry(written, 'http://www.opengis.net/ont/geosparql#wktLiteral');
+    shape geometry := semmap.text_geometry(written, tag);
 BEGIN
     RETURN CASE WHEN ST_IsValid(shape) THEN shape END;
 EXCEPTION WHEN OTHERS THEN  -- a type that GEOS does not know
     RETURN NULL;
 END $$;
 
-CREATE INDEX term_shape ON term USING gist (stated_shape(text)) WHERE tag = 'http://www.opengis.net/ont/geosparql#wktLiteral';
+CREATE FUNCTION loose_box(geom geometry)
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- A box around a transformed geometry: lines are curved there, so that it is larger by a part of its size.
+SELECT ST_Expand(ST_Envelope(geom), 0.01 * ST_Length(ST_BoundingDiagonal(geom)));
+END;
+
+CREATE FUNCTION stated_box(written text, tag text)
+RETURNS geometry LANGUAGE sql IMMUTABLE STRICT COST 5000 SET search_path = semmap, public, pg_temp AS $$
+-- A box around the geometry of a term: in the map's frame, or in longitude and latitude.
+SELECT CASE WHEN ST_SRID(shape) IN (0, 4326) THEN ST_Envelope(shape)
+            ELSE semmap.loose_box(semmap.transformed(shape, 4326)) END
+FROM (SELECT semmap.stated_shape(written, tag) AS shape) s
+$$;
+
+CREATE FUNCTION earth_box(footprint geometry, of_map integer)
+RETURNS geometry LANGUAGE sql STABLE
+BEGIN ATOMIC
+-- A box around a geometry of the map's frame, in longitude and latitude; null where the map has no georeference.
+SELECT semmap.loose_box(semmap.on_earth(footprint, of_map));
+END;
+
+CREATE FUNCTION names_system(written text)
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- Whether a geometry literal may name a reference system.
+SELECT written ~ '^\s*<[^>]*>\s*[A-Za-z]|srsName|"crs"';
+END;
+
+CREATE INDEX term_shape ON term USING gist (stated_box(text, tag))
+    WHERE tag IN ('http://www.opengis.net/ont/geosparql#wktLiteral', 'http://www.opengis.net/ont/geosparql#gmlLiteral',
+                  'http://www.opengis.net/ont/geosparql#geoJSONLiteral');
+CREATE INDEX term_in_system ON term (id)
+    WHERE tag IN ('http://www.opengis.net/ont/geosparql#wktLiteral', 'http://www.opengis.net/ont/geosparql#gmlLiteral',
+                  'http://www.opengis.net/ont/geosparql#geoJSONLiteral') AND names_system(text);
 
 CREATE VIEW statement WITH (security_invoker = true) AS
     SELECT t.id, t.map_id, coalesce(g.text, '') AS graph,          -- IRI; empty: the default graph

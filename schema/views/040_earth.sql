@@ -1,12 +1,5 @@
 -- Maps with a georeference, on the earth: the same footprints in longitude and latitude.
 
-CREATE FUNCTION on_earth(geom geometry, of_map integer)
-RETURNS geometry LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
--- A geometry of the map's frame in WGS 84; null where the map has no georeference.
-SELECT ST_Transform(ST_SetSRID(ST_Translate(ST_Rotate(ST_Force2D(geom), m.rotation), m.easting, m.northing), m.crs), 4326)
-FROM semmap.map m WHERE m.id = of_map AND m.crs IS NOT NULL
-$$;
-
 CREATE VIEW gis_earth AS
     SELECT e.id AS fid, m.name AS map, s.name AS storey, e.kind, e.name, e.type,
            on_earth(coalesce(placed_section(c.outline, w.pose), w.footprint), e.map_id)::geometry(MultiPolygon, 4326) AS geom

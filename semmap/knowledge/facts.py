@@ -76,6 +76,7 @@ AND t.subject = s.subject AND t.predicate = s.predicate AND t.object = s.object
 )
 
 _BATCH = 10_000  # facts that are looked up and stated at once
+_MANY = 1_000  # facts after which the planner learns of the tables
 _FEW = 500  # IRIs of which each is looked up; of more, those that may be the map's
 
 
@@ -255,7 +256,7 @@ class FactWriter:
         for cursor, facts, _ in stated:
             if cursor.rowcount:
                 self._touch(facts)
-        if sum(number for _, _, number in stated) >= _BATCH:  # else it is soon enough
+        if sum(number for _, _, number in stated) >= _MANY:  # else it is soon enough
             self._view.session.execute("ANALYZE triple, term")  # skipped without the right
         return sum(cursor.rowcount for cursor, _, _ in stated)
 

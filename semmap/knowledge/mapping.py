@@ -430,11 +430,11 @@ TOPOLOGICAL: dict[str, str] = _SF | {name: _by_pattern(*rule) for name, rule in 
 """The topological relations of GeoSPARQL: SQL conditions of two geometries."""
 
 
-AS_WKT = f"{GEO}asWKT"
-SHAPE_PROPERTIES = (AS_WKT, f"{GEO}hasGeometry", f"{GEO}hasDefaultGeometry")
+SERIALIZATIONS = tuple(f"{GEO}{name}" for name in ("asWKT", "asGML", "asGeoJSON"))
+SHAPE_PROPERTIES = (*SERIALIZATIONS, f"{GEO}hasGeometry", f"{GEO}hasDefaultGeometry")
 """What states the geometries of foreign features and geometries."""
 
-_End = tuple[TripleTables, Value, str]  # rows, their terms, and the SQL of their geometries
+_End = tuple[TripleTables, Value, str]  # rows, their terms, and a footprint or a term of a geometry
 
 _MAP_ENDS: tuple[_End, ...] = tuple(
     (
@@ -446,17 +446,22 @@ _MAP_ENDS: tuple[_End, ...] = tuple(
 )
 
 
+def _any_of(*properties: str) -> str:
+    return "ANY (ARRAY[{}])".format(", ".join(f"term_id('{each}')" for each in properties))
+
+
 def _lasts(statement: str) -> str:
     return _LASTS.replace("{a}", statement)
 
 
 def _serialized(geometry: str, term: str) -> tuple[str, ...]:
-    """Return the conditions of a statement of a geometry's WKT, and of its term."""
+    """Return the conditions of a statement of a geometry's literal, and of its term."""
+    kinds = ", ".join(f"'{DATATYPES[form]}'" for form in ("geometry", "gml", "geojson"))
     return (
-        f"{{{geometry}}}.predicate = term_id('{AS_WKT}')",
+        f"{{{geometry}}}.predicate = {_any_of(*SERIALIZATIONS)}",
         _lasts(f"{{{geometry}}}"),
         f"{{{term}}}.id = {{{geometry}}}.object",
-        f"{{{term}}}.tag = '{DATATYPES['geometry']}'",
+        f"{{{term}}}.tag IN ({kinds})",
     )
 
 
@@ -465,13 +470,13 @@ _STATED_ENDS: tuple[_End, ...] = (
     (
         TripleTables(("triple", "term"), _serialized("a", "b")),
         Value("resource", "{a}.subject"),
-        "stated_shape({b}.text)",
+        "{b}",
     ),
     (
         TripleTables(
             ("triple", "triple", "term"),
             (
-                f"{{a}}.predicate = ANY (ARRAY[{_DEFAULT}, term_id('{GEO}hasGeometry')])",
+                f"{{a}}.predicate = {_any_of(f'{GEO}hasDefaultGeometry', f'{GEO}hasGeometry')}",
                 f"({{a}}.predicate = {_DEFAULT} OR NOT EXISTS (SELECT FROM triple d "
                 "WHERE d.map_id = {a}.map_id AND d.graph = {a}.graph "
                 f"AND d.subject = {{a}}.subject AND d.predicate = {_DEFAULT} "
@@ -483,35 +488,55 @@ _STATED_ENDS: tuple[_End, ...] = (
             ),
         ),
         Value("resource", "{a}.subject"),
-        "stated_shape({c}.text)",
+        "{c}",
     ),
 )
 """Geometries, and features with a default geometry, or else any."""
 
 
-def _in_one_frame(name: str, condition: str, a: str, b: str) -> Iterator[str]:
-    """Yield the conditions of a relation, which geometries in two reference systems don't have."""
-    related = condition.format(a=a, b=b)
-    if a.endswith(".footprint") and b.endswith(".footprint"):
-        yield related
-        return
-    if name not in ("sfDisjoint", "ehDisjoint", "rcc8dc"):
-        yield f"{a} && {b}"  # by an index
-    yield f"CASE WHEN ST_SRID({a}) = ST_SRID({b}) THEN {related} ELSE false END"
+def _conditions(name: str, condition: str, a: str, b: str) -> Iterator[list[str]]:
+    """Yield conditions of a relation: of boxes, which an index answers, and of the geometries.
+
+    A footprint has those to geometries in the map's frame, and those to geometries on the earth.
+    """
+    terms = [each for each in (a, b) if not each.endswith(".footprint")]
+    shapes = {each: f"stated_shape({each}.text, {each}.tag)" for each in terms}
+    boxes = {each: f"stated_box({each}.text, {each}.tag)" for each in terms}
+    has_boxes = name not in ("sfDisjoint", "ehDisjoint", "rcc8dc")  # no index finds what is apart
+    if not terms:
+        yield [condition.format(a=a, b=b)]
+    elif len(terms) == 2:
+        near = [f"{boxes[a]} && {boxes[b]}"] * has_boxes
+        other = f"alike({shapes[b]}, {shapes[a]}, {{a}}.map_id)"
+        yield [*near, condition.format(a=shapes[a], b=other)]
+    else:
+        (term,), (footprint,) = terms, {a, b} - {*terms}
+        box, placed = boxes[term], f"in_map_frame({shapes[term]}, {{a}}.map_id)"
+        on_earth = [
+            f"{box} && earth_box({footprint}, {{a}}.map_id)",  # the index of terms
+            f"{placed} && {footprint}",  # that of footprints
+        ]
+        for named, shape, near in (
+            ("NOT ", shapes[term], [f"{box} && {footprint}"]),
+            ("", placed, on_earth),
+        ):
+            ends = {term: shape, footprint: footprint}
+            related = condition.format(a=ends[a], b=ends[b])
+            yield [f"{named}names_system({term}.text)", *near * has_boxes, related]
 
 
 def _rewritten(*pairs: tuple[_End, _End]) -> Iterator[TripleMap]:
     """Yield the topological relations of features and geometries (GeoSPARQL 1.1, section 12)."""
     for (name, condition), (a, b) in product(TOPOLOGICAL.items(), pairs):
         letters = letters_from(len(a[0].tables))
-        where = (
+        joined = (
             *a[0].where,
             *(each.format(**letters) for each in b[0].where),
             f"{letters['a']}.map_id = {{a}}.map_id",
-            *_in_one_frame(name, condition, a[2], b[2].format(**letters)),
         )
-        source = TripleTables((*a[0].tables, *b[0].tables), where, "{a}.map_id")
-        yield TripleMap(f"{GEO}{name}", source, a[1], b[1].placed(letters))
+        for related in _conditions(name, condition, a[2], b[2].format(**letters)):
+            source = TripleTables((*a[0].tables, *b[0].tables), (*joined, *related), "{a}.map_id")
+            yield TripleMap(f"{GEO}{name}", source, a[1], b[1].placed(letters))
 
 
 REWRITTEN: tuple[TripleMap, ...] = tuple(_rewritten(*product(_MAP_ENDS, _MAP_ENDS)))

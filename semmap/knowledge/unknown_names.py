@@ -24,8 +24,16 @@ _STATED = (
     "SELECT n FROM unnest(%(iris)s::text[]) n WHERE EXISTS (SELECT FROM triple s "
     "WHERE s.map_id = %(map)s AND term_id(n) IN (s.subject, s.predicate, s.object, s.graph))"
 )
+_RELATIONS = frozenset(triple.property for triple in REWRITTEN)
 _SYSTEM = re.compile(r"""^\s*<([^>]*)>|srsName\s*=\s*["']([^"']*)["']""")
 _UNREAD = "SELECT n FROM unnest(%s::text[]) n WHERE (reference_system(n)).srid IS NULL"
+_KINDS = tuple(DATATYPES[form] for form in ("geometry", "gml", "geojson"))
+_PLACED = (
+    "SELECT m.crs IS NOT NULL, bool_or(names_system(t.text)), bool_and(names_system(t.text)) "
+    "FROM map m JOIN triple s ON s.map_id = m.id JOIN term t ON t.id = s.object "
+    f"WHERE m.id = %s AND t.tag IN {_KINDS} AND EXISTS (SELECT FROM term u "
+    f"WHERE u.tag IN {_KINDS} AND names_system(u.text)) GROUP BY m.id"
+)
 _ENTITIES = "SELECT name FROM entity WHERE map_id = %s"
 _TYPES = "SELECT name FROM semantic_type"
 _CLASSES = "SELECT iri FROM semantic_type WHERE iri IS NOT NULL"
@@ -46,6 +54,8 @@ def unknown_names(view: MapView, constants: Constants, *trees: Any) -> list[str]
     unread = view.session.execute(_UNREAD, [systems]).fetchall() if systems else ()
     sentences = [f"there is no geometry in <{iri}>: its axes are not known" for (iri,) in unread]
     sentences += [_sentence(view, iri) for iri in sorted(missing) if not _is_value(view, iri)]
+    if not _RELATIONS.isdisjoint(map(str, nodes_in(trees))):
+        sentences += _unplaced(view)
     called = {str(n.iri) for n in nodes_in(trees) if getattr(n, "name", "") == "Function"}
     return sentences + [
         _of_function(iri) for iri in sorted(called - FUNCTIONS.keys() - CASTS.keys())
@@ -61,6 +71,22 @@ def _systems(trees: Any) -> Iterator[str]:
     for node in nodes_in(trees):
         if getattr(node, "name", "") == "Function" and str(node.iri) == f"{GEOF}transform":
             yield from (str(each) for each in node.expr[1:] if isinstance(each, URIRef))
+
+
+def _unplaced(view: MapView) -> Iterator[str]:
+    """Yield what topological relations leave out: pairs of a map's frame and of the earth."""
+    found = view.session.execute(_PLACED.encode(), [view.number]).fetchone()
+    has_reference, some, every = found or (True, False, False)
+    if some and not has_reference:
+        yield (
+            "geometries in a reference system have no relations to entities, since the map has no "
+            "georeference: import one (docs/import.md)"
+        )
+    elif some and not every:
+        yield (
+            "relations of foreign geometries in the map's frame to those in a reference system "
+            "are not calculated: compare their literals by geof: functions"
+        )
 
 
 def _of_function(iri: str) -> str:

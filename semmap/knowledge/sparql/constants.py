@@ -12,10 +12,10 @@ import psycopg
 import rdflib
 
 from semmap.knowledge.mapping import (
-    AS_WKT,
     COMPUTED,
     NODES,
     REWRITTEN,
+    SERIALIZATIONS,
     SHAPE_PROPERTIES,
     TRIPLES,
     is_mapped,
@@ -150,7 +150,7 @@ class Lookup:
             "names": sorted(self._names),
             "iris": sorted(self._iris),
             "types": sorted(self._types),
-            "properties": [p for p in properties if p == AS_WKT or not is_mapped(p)],
+            "properties": [p for p in properties if p in SERIALIZATIONS or not is_mapped(p)],
             "mapped": [each for each in properties if is_mapped(each)],
         }
         resources = self._iris.union(properties)

@@ -69,6 +69,7 @@ class Expressions:
 
     bind: Callable[..., str]  # makes a parameter of a value, with a type of SQL
     namespace: str  # the SQL of the map's namespace
+    map_id: str  # the SQL of the map's number
     constant: Callable[[Any], Value]  # the value of an IRI
     exists: Callable[[Any, Environment], str]  # the condition of EXISTS, for what a row binds
 
@@ -227,7 +228,7 @@ class Expressions:
         if tree.op == "!=":
             return Value("boolean", f"(NOT {self._equal(left, right)})")
         condition = self._ordered(left, tree.op, right)
-        near = within_distance(tree, lambda part: self.value(part, seen), self._number)
+        near = within_distance(tree, lambda part: self.value(part, seen), self._number, self.map_id)
         return Value("boolean", f"({near} AND {condition})" if near else condition)
 
     def _equal(self, a: Value, b: Value) -> str:
@@ -497,9 +498,11 @@ class Expressions:
             else:
                 texts.append(_OF_TEXTS[kind].format(self._text(value)))
         if function.arguments[:2] == ("geometry", "geometry") and "ground_measure" not in sql:
-            texts[:2] = in_one_system(*texts[:2])
+            texts[:2] = in_one_system(texts[0], texts[1], self.map_id)
         between = tuple(texts) if function is FUNCTIONS[f"{SEMMAP}distance"] else None
-        return Value(function.result, f"({sql.format(*texts, *units)})", between=between)
+        return Value(
+            function.result, f"({sql.format(*texts, *units, map=self.map_id)})", between=between
+        )
 
     def _in_unit(self, function: GeoFunction, unit: Any) -> tuple[str, tuple[str, ...]]:
         """Return the SQL of a function that measures in a unit, and of the last argument."""

@@ -1,7 +1,8 @@
 """The functions of GeoSPARQL 1.1 as functions of PostGIS.
 
 A literal without a reference system is in the map's frame, whose unit is the metre. Of literals
-with one, lengths and areas are those on the ellipsoid, where the system is not one of metres.
+with one, lengths and areas are those on the ellipsoid, where the system is not one of metres. A map
+with a georeference relates its frame to them.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class GeoFunction:
 
 
 _ONE, _TWO = ("geometry",), ("geometry", "geometry")
-_DISTANCE = "ground_measure({0}, 'distance', {1})"
+_DISTANCE = "ground_measure({0}, 'distance', {1}, {map})"
 _AREA, _LENGTH, _PERIMETER = (
     f"ground_measure({{0}}, '{what}')" for what in ("area", "length", "perimeter")
 )
@@ -96,7 +97,7 @@ _TABLE: tuple[tuple[Any, ...], ...] = (
     ("geometryN", "ST_GeometryN({0}, ({1})::int)", ("geometry", "number"), "geometry", 0),
     ("geometryType", f"'{SF}' || substr(ST_GeometryType({{0}}), 4)", _ONE, "iri", 0),
     ("getSRID", _SYSTEM, ("literal",), "string", 0),
-    ("transform", "in_system({0}, {1})", ("geometry", "text"), "geometry", 0),
+    ("transform", "in_system({0}, {1}, {map})", ("geometry", "text"), "geometry", 0),
     ("relate", "ST_Relate({0}, {1}, {2})", (*_TWO, "text"), "boolean", 0),
     ("asWKT", "{0}", _ONE, "geometry", 0),
     ("asGML", "geometry_gml({0})", (*_ONE, "text"), "gml", 1),
@@ -136,7 +137,7 @@ FUNCTIONS: Mapping[str, GeoFunction] = {
 `semmap:positionAt` where an entity was at a time; `semmap:x`, `y` and `z` are those of the centre
 of a voxel."""
 
-_GROUP = "put_together(array_agg({0}))"
+_GROUP = "put_together(array_agg({0}), {map})"
 
 AGGREGATES: Mapping[str, str] = {
     "aggBoundingBox": f"ST_Envelope({_GROUP})",
@@ -209,7 +210,7 @@ def surface_comparison(a: Value, operator: str, b: Value) -> str | None:
 
 
 def within_distance(
-    tree: CompValue, value: Callable[[Any], Value], number: Callable[[Value], str]
+    tree: CompValue, value: Callable[[Any], Value], number: Callable[[Value], str], map_id: str
 ) -> str | None:
     """Return a condition that the index of footprints answers, for `geof:distance(a, b) < d`."""
     near, far = (tree.expr, tree.other) if tree.op in ("<", "<=") else (tree.other, tree.expr)
@@ -219,14 +220,15 @@ def within_distance(
     factor = 1.0 if len(near.expr) < 3 else UNITS["length"].get(str(near.expr[2]))
     if not _is_footprint(ends[1]) or factor is None:
         return None
-    return f"({ends[1]} && ST_Expand({ends[0]}, {number(value(far))} * {factor!r}))"
+    placed, _ = in_one_system(ends[0], ends[1], map_id)
+    return f"({ends[1]} && ST_Expand({placed}, {number(value(far))} * {factor!r}))"
 
 
-def in_one_system(a: str, b: str) -> tuple[str, str]:
+def in_one_system(a: str, b: str, map_id: str) -> tuple[str, str]:
     """Return two geometries in one reference system; the index of footprints is still seen."""
     if _is_footprint(b):
-        return a if _is_footprint(a) else f"in_map_frame({a})", b
-    return a, f"in_map_frame({b})" if _is_footprint(a) else f"alike({b}, {a})"
+        return a if _is_footprint(a) else f"in_map_frame({a}, {map_id})", b
+    return a, (f"in_map_frame({b}, {map_id})" if _is_footprint(a) else f"alike({b}, {a}, {map_id})")
 
 
 def _is_footprint(sql: str) -> bool:

@@ -103,7 +103,7 @@ class _Translator(TriplePatterns):
         super().__init__(source, uses)
         self._scope = PatternScope()
         self.expressions = Expressions(
-            self.parameters.bind, self.namespace, self.constant, self._exists
+            self.parameters.bind, self.namespace, self.map_id, self.constant, self._exists
         )
 
     def result(self, node: Any, names: tuple[str, ...]) -> str:
@@ -407,7 +407,9 @@ class _Translator(TriplePatterns):
             joined = f"string_agg({distinct}{text}, {between}{order})"
             return Value("string", f"coalesce({joined}, '')"), True
         if function in AGGREGATES:
-            return Value("geometry", AGGREGATES[function].format(geometry_of(value))), False
+            return Value(
+                "geometry", AGGREGATES[function].format(geometry_of(value), map=self.map_id)
+            ), False
         raise UntranslatedError(f"{function} has no translation to SQL")
 
     def _sum(self, function: str, distinct: str, value: Value) -> tuple[Value, bool]:

@@ -10,7 +10,6 @@ from rdflib.paths import AlternativePath, InvPath, MulPath, NegatedPath, Sequenc
 
 from semmap.knowledge.fields.properties import is_of_fields, is_of_voxels
 from semmap.knowledge.mapping import (
-    AS_WKT,
     COMPUTED,
     INFERENCES,
     INFERRED_GRAPH,
@@ -18,6 +17,7 @@ from semmap.knowledge.mapping import (
     REWRITTEN,
     REWRITTEN_IN_GRAPHS,
     REWRITTEN_OF_BOTH,
+    SERIALIZATIONS,
     STATEMENTS,
     TRIPLES,
     is_mapped,
@@ -161,7 +161,7 @@ class TriplePatterns(PropertyPaths):
         if not self._is_map(scope):
             if not _is_inferred_graph(scope.graph):
                 yield from STATEMENTS
-                if isinstance(verb, Value) and self.constants.is_stated(AS_WKT):
+                if isinstance(verb, Value) and any(map(self.constants.is_stated, SERIALIZATIONS)):
                     yield from _of_property(REWRITTEN_IN_GRAPHS, verb)
             if self._reads_inferences(scope):
                 yield from self._inferences(verb)
@@ -176,7 +176,7 @@ class TriplePatterns(PropertyPaths):
             if triple.property == iri if triple.name is None else iri.startswith(triple.property):
                 yield triple
         known = self.constants
-        if known.is_foreign(AS_WKT):
+        if any(map(known.is_foreign, SERIALIZATIONS)):
             yield from _of_property((*REWRITTEN_IN_GRAPHS, *REWRITTEN_OF_BOTH), verb)
         if known.is_foreign(iri) if is_mapped(iri) else known.is_stated(iri):
             yield from STATEMENTS
