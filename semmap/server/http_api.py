@@ -24,7 +24,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 
 from semmap.api.database import Database
@@ -151,6 +151,7 @@ class HttpApi:
                 *(Route(f"/maps/{{map}}{path}", self._ogc(of)) for path, of in features.items()),
                 Mount("/maps/{map}/rdf", routes=sparql.routes),
                 Mount("/view", Viewer()),
+                Route("/query", _query_page),
                 Route("/maps/{map}/{operation}", self._operation, methods=["GET", "POST"]),
             ],
             middleware=[
@@ -333,6 +334,11 @@ async def _values(request: Request, call: OperationCall) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise InvalidArgumentError("the request is no JSON object: give arguments by their names")
     return values
+
+
+async def _query_page(request: Request) -> Response:
+    """The page lies beside the viewer, whose files it shares."""
+    return RedirectResponse(f"view/query.html?{request.url.query}")
 
 
 async def _failure(_: Request, error: Exception) -> Response:

@@ -32,7 +32,7 @@ from semmap.knowledge.results import RESULT_FORMATS, TRUTH_FORMATS
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.updates import update
-from semmap.knowledge.vocabulary import IRI, graph_iri, graph_names
+from semmap.knowledge.vocabulary import IRI, graph_iri, graph_names, prefixes
 from semmap.knowledge.whole_graph import facts, serialized, with_prefixes
 from semmap.language.error import QueryError
 from semmap.limits import RDF_CHARACTERS
@@ -81,6 +81,7 @@ class SparqlEndpoint:
         self.routes = [
             Route("/sparql", self._sparql, methods=["GET", "POST"]),
             Route("/update", self._sparql, methods=["POST"]),
+            Route("/prefixes", self._prefixes),
             *(
                 Route(path, self._graph, methods=GRAPH_METHODS)
                 for path in ("/graph", "/graph/{at:path}")
@@ -113,6 +114,13 @@ class SparqlEndpoint:
     def _described(self, request: Request) -> Response:
         with self._session(request) as session:
             return _as_graph(request, service_description(session, address_of(request)))
+
+    async def _prefixes(self, request: Request) -> Response:
+        def known() -> Response:
+            with self._session(request) as session:
+                return JSONResponse(prefixes(MapView.of(session).name))
+
+        return await self._in_turn(request, "", known)
 
     def _update(self, request: Request, text: str, dataset: Chosen | None) -> Response:
         try:

@@ -1,4 +1,4 @@
-"""The page of the viewer: files that `scripts/setup viewer` builds from `viewer/`."""
+"""The pages of the viewer and of queries, which `scripts/setup viewer` builds from `viewer/`."""
 
 from __future__ import annotations
 
@@ -11,9 +11,13 @@ from starlette.staticfiles import StaticFiles
 
 FOLDER = Path(__file__).parent / "viewer"
 
+GRIPS = "'sha256-zCK2EVMoPc04mRF/g5CotUvxbJPWS+8V0b+s9ptqQIk='"
+"""The style of the grips of columns, which YASGUI's tables add to the page."""
+
 POLICY = "; ".join(
     (
         "default-src 'self'",
+        f"style-src 'self' {GRIPS}",
         "img-src 'self' blob: data:",
         "connect-src 'self' blob:",
         "object-src 'none'",
@@ -21,7 +25,7 @@ POLICY = "; ".join(
         "frame-ancestors 'none'",
     )
 )
-"""What the page may load: nothing from elsewhere, no script that its files do not have."""
+"""What a page may load: nothing from elsewhere, no script that its files do not have."""
 
 
 def viewer_is_built() -> bool:
@@ -30,7 +34,7 @@ def viewer_is_built() -> bool:
 
 
 class Viewer(StaticFiles):
-    """The files of the page, which needs no rights: its requests have those of their token."""
+    """The files of the pages, which need no rights: their requests have those of their token."""
 
     def __init__(self) -> None:
         super().__init__(directory=FOLDER, html=True, check_dir=False)

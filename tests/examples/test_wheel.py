@@ -48,8 +48,9 @@ def wheel() -> Path:
     return ROOT / run(ROOT / "scripts/wheel").split()[-1]
 
 
-def test_it_has_the_page_of_the_viewer(wheel: Path) -> None:
-    assert "semmap/server/viewer/index.html" in ZipFile(wheel).namelist()
+def test_it_has_the_pages_of_the_viewer_and_of_queries(wheel: Path) -> None:
+    names = ZipFile(wheel).namelist()
+    assert {f"semmap/server/viewer/{page}.html" for page in ("index", "query")} <= {*names}
 
 
 @pytest.fixture(scope="session")

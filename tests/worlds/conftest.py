@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from sqlalchemy import Engine
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
 from semmap.robot import Part
+from semmap.server.viewer_files import viewer_is_built
+from tests.browser import chromium
 from tests.conftest import Import
 
 HOUSE = "small_house/worlds/small_house.world"
@@ -54,6 +58,15 @@ def house_and_hotel(imported: Import, worlds: Path) -> Iterator[Engine]:
     files = (worlds / HOUSE, "house"), (ROOMS, "house"), (worlds / HOTEL, "hotel")
     with imported(*files) as engine:
         yield engine
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    if shutil.which("chromium") is None:
+        pytest.skip("needs chromium, which scripts/setup test installs on Debian alone")
+    assert viewer_is_built(), "scripts/setup test builds the page"
+    with chromium() as browser:
+        yield browser
 
 
 def store_slim_robot(engine: Engine) -> str:

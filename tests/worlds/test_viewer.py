@@ -6,7 +6,6 @@ import base64
 import io
 import math
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -27,8 +26,7 @@ import semmap
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
 from semmap.robot import Part
-from semmap.server.viewer_files import viewer_is_built
-from tests.browser import SIZE, chromium, open_viewer, until
+from tests.browser import SIZE, open_viewer, until
 from tests.served import served
 
 
@@ -46,15 +44,6 @@ TOKEN = "a-token-of-an-admin"
 def url(db: semmap.Database) -> Iterator[str]:
     with served(db, {TOKEN: "semmap_admin"}) as address:
         yield address
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    if shutil.which("chromium") is None:
-        pytest.skip("needs chromium, which scripts/setup test installs on Debian alone")
-    assert viewer_is_built(), "scripts/setup test builds the page"
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

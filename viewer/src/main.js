@@ -43,6 +43,7 @@ async function read() {
 
 async function start() {
   await maps.open(new URLSearchParams(location.search).get("map"));
+  document.getElementById("query-page").search = new URLSearchParams({ map: maps.name });
   for (const each of (link.hidden ?? "ceilings").split(",").filter(Boolean)) house.hidden.add(each);
   house.apart = Number(link.apart) || 0;
   const scene = await read();

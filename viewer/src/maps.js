@@ -13,6 +13,7 @@ export class Maps {
       if (names.length !== 1) throw new Error(names.length ? `add ?map=NAME to the address: ${names.join(", ")}` : "there are no maps: semmap import makes one");
       name = names[0];
     }
+    this.name = name;
     this.at = `${all}/${encodeURIComponent(name)}/`;
   }
 
@@ -49,14 +50,16 @@ export class Maps {
 
 async function answered(reply) {
   if (reply.ok) return reply;
-  const text = await reply.text();
-  let why = text;
+  throw Object.assign(new Error(reason(await reply.text()) || reply.statusText), { status: reply.status });
+}
+
+// The reason in the body of an answer that is an error.
+export function reason(text) {
   try {
-    why = JSON.parse(text).error;
+    return JSON.parse(text).error;
   } catch {
-    // a text says why, too
+    return text; // a text says why, too
   }
-  throw Object.assign(new Error(why || reply.statusText), { status: reply.status });
 }
 
 async function* events(stream) {
