@@ -28,10 +28,10 @@ export class Plan {
     const rows = this.yasr.results.getBindings();
     const found = rows.flatMap((row) => shapes(row, this.yasr.getPrefixes()));
     const rooms = (await Plan.rooms).flatMap((row) => shapes(row, this.yasr.getPrefixes()));
-    const drawn = found.filter(({ parts }) => parts);
+    const drawn = found.filter(({ parts }) => parts).map((each) => ({ ...each, box: extent([each]) }));
     const columns = [...new Set(drawn.map(({ name }) => name))];
-    const size = ({ width, height }) => width * height;
-    const below = drawn.toSorted((one, other) => size(extent([other])) - size(extent([one]))); // the largest
+    const size = ({ box: { width, height } }) => width * height;
+    const below = drawn.toSorted((one, other) => size(other) - size(one)); // the largest
     const picture = svg("svg", { class: "plan", role: "img", "aria-label": `${drawn.length} geometries` });
     picture.append(
       ...rooms.filter(({ parts }) => parts).map((each) => shape(each, "room")),
@@ -90,8 +90,7 @@ function upwards(ring) {
   return twice < 0 ? ring.toReversed() : ring;
 }
 
-function label({ parts, label: text }) {
-  const { x, y, width, height } = extent([{ parts }]);
+function label({ box: { x, y, width, height }, label: text }) {
   return svg("text", { x: x + width / 2, y: y + height / 2 }, text.length > 40 ? `${text.slice(0, 39)}…` : text);
 }
 
@@ -163,11 +162,12 @@ class View {
     const length = [5, 2, 1].find((each) => each * power <= most) * power;
     this.scale.style.width = `${length / m}px`;
     this.scale.textContent = length < 1000 ? `${+length.toPrecision(1)} m` : `${length / 1000} km`;
-    this.declutter();
+    if (m !== this.decluttered) this.declutter();
   }
 
   // Of labels that overlap, show the first.
   declutter() {
+    this.decluttered = this.metres;
     const kept = [];
     for (const text of this.picture.querySelectorAll("text")) {
       const box = text.getBoundingClientRect();

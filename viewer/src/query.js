@@ -36,7 +36,7 @@ function open(prefixes, value) {
   Yasr.defaults.errorRenderers = [async ({ text }) => element("pre", { className: "errorMessage" }, reason(text))];
   const lines = Object.entries(prefixes).map(([name, space]) => `${name}: <${space}>`);
   Yasqe.forkAutocompleter("prefixes", { name: "map", get: lines, persistenceId: null });
-  Yasqe.defaults.autocompleters = ["variables", "map"];
+  Object.assign(Yasqe.defaults, { autocompleters: ["variables", "map"], editorHeight: "190px" });
   Tab.prototype.getShareableLink = function () {
     return `${location.origin}${location.pathname}${location.search}#${new URLSearchParams({ query: this.getQuery() })}`;
   };
@@ -44,7 +44,7 @@ function open(prefixes, value) {
     persistenceId: `semmap ${maps.name}`,
     populateFromUrl: false,
     requestConfig: { endpoint: () => `${maps.at}rdf/sparql`, acceptHeaderGraph: "text/turtle" },
-    yasqe: { value, editorHeight: "190px" },
+    yasqe: { value },
     yasr: { prefixes, maxPersistentResponseSize: 0 },
   });
   const known = new WeakSet();
