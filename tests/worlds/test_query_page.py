@@ -120,6 +120,30 @@ def test_rooms_lie_on_the_plan_where_they_are(page: Page, url: str) -> None:
         assert name in labels
 
 
+@pytest.mark.parametrize("nearer", [0, 400])
+def test_the_plan_has_a_scale_and_tells_places(page: Page, url: str, nearer: int) -> None:
+    """Places and lengths are those of the kitchen, also after the wheel came nearer."""
+    ask(page, HOUSE[OUTLINES]["sparql"], view="map")
+    kitchen = page.locator(".plan .shape").filter(has_text="kitchen").locator("path")
+    before = kitchen.bounding_box()
+    page.mouse.move(before["x"] + before["width"] / 2, before["y"] + before["height"] / 2)
+    width = page.evaluate("document.querySelector('.plan').viewBox.baseVal.width")
+    page.mouse.wheel(0, -nearer)
+    until(page, "document.querySelector('.foot output').value !== ''")
+    if nearer:
+        until(page, "(wide) => document.querySelector('.plan').viewBox.baseVal.width < wide", width)
+    box = kitchen.bounding_box()
+    (row,) = answer(url, "SELECT ?g { :kitchen geo:hasDefaultGeometry/geo:asWKT ?g }")
+    west, south, east, north = shapely.from_wkt(row["g"]["value"]).bounds
+    x, y = page.locator(".foot output").inner_text().replace(" m", "").split(", ")
+    pixel = (east - west) / box["width"]
+    assert float(x.removeprefix("x ")) == pytest.approx((west + east) / 2, abs=2 * pixel)
+    assert float(y.removeprefix("y ")) == pytest.approx((south + north) / 2, abs=2 * pixel)
+    bar = page.locator(".foot .scale")
+    metres = float(bar.inner_text().removesuffix(" m"))
+    assert bar.bounding_box()["width"] * pixel == pytest.approx(metres, rel=0.05)
+
+
 WKT = [
     "POINT Z (1 2 3)",
     "MULTIPOINT((0 0),(1 1))",
@@ -238,7 +262,7 @@ def test_the_viewer_and_the_page_link_to_each_other(page: Page) -> None:
     page.wait_for_url("**/view/?map=house*")
     page.evaluate("semmap.ready")
     page.get_by_role("link", name="Query page").click()
-    page.wait_for_url("**/view/query.html?map=house")
+    page.wait_for_url("**/view/query.html?map=house*")
     page.evaluate("semmap.ready")
     assert page.locator("#map-name").inner_text() == "Query house"
 

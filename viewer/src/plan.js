@@ -91,7 +91,7 @@ function upwards(ring) {
 }
 
 function label({ box: { x, y, width, height }, label: text }) {
-  return svg("text", { x: x + width / 2, y: y + height / 2 }, text.length > 40 ? `${text.slice(0, 39)}…` : text);
+  return svg("text", { class: width || height ? "" : "above", x: x + width / 2, y: y + height / 2 }, text.length > 40 ? `${text.slice(0, 39)}…` : text);
 }
 
 // The rectangle around shapes, y downwards as in SVG.
@@ -120,7 +120,9 @@ class View {
     picture.addEventListener("wheel", (event) => this.zoom(event), { passive: false });
     picture.addEventListener("pointerdown", (event) => picture.setPointerCapture(event.pointerId));
     picture.addEventListener("pointermove", (event) => this.point(event));
-    this.watch = new ResizeObserver(() => picture.clientWidth && (this.centre ? this.set() : show()));
+    const fit = () => picture.clientWidth && (this.centre ? this.set() : show()); // a tab behind others has no size
+    fit();
+    this.watch = new ResizeObserver(fit);
     this.watch.observe(picture);
   }
 

@@ -82,7 +82,7 @@ function examples() {
       .slice(1)
       .map((chapter) => {
         const [title, ...parts] = chapter.split("\n### ");
-        const questions = parts.map((part) => ({ question: part.split("\n")[0], text: /^```sparql\n(.*?)^```$/ms.exec(part)?.[1] }));
+        const questions = parts.map((part) => ({ question: part.split("\n")[0], text: /^```sparql\n(.*?)\n```$/ms.exec(part)?.[1] }));
         return { title: title.split("\n")[0], questions: questions.filter(({ text }) => text) };
       }),
   );
