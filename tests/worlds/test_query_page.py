@@ -182,6 +182,19 @@ def test_each_kind_of_geometry_is_drawn(page: Page) -> None:
     assert inside == [False, True]  # the hole of the polygon, and beside it
 
 
+def test_queries_stay_in_the_browser_and_answers_do_not(page: Page, url: str) -> None:
+    text = "SELECT ?x { ?x a semmap:Room }"
+    ask(page, text)
+    stored = page.evaluate("JSON.stringify(localStorage)")
+    assert "semmap:Room" in stored
+    assert "living-room" not in stored
+    page.reload()
+    page.evaluate("semmap.ready")
+    assert page.evaluate("semmap.yasgui.getTab().getQuery()") == text
+    page.evaluate("semmap.yasgui.getTab().query()")
+    page.get_by_text(":living-room").wait_for()
+
+
 def test_a_table_without_geometries_has_no_plan(page: Page) -> None:
     ask(page, "SELECT ?x { ?x a semmap:Chair }")
     until(page, "document.querySelector('.tabPanel.active .select_map.disabled') !== null")
@@ -237,6 +250,9 @@ def test_a_token_goes_with_queries_and_nowhere_else(browser: Any, db: semmap.Dat
         link = page.evaluate("semmap.yasgui.getTab().getShareableLink()")
         assert "semmap%3ARoom" in link
         assert TOKEN not in link
+        command = page.evaluate("semmap.yasgui.getTab().getYasqe().getAsCurlString()")
+        assert command.startswith("curl ")
+        assert TOKEN not in command
 
 
 def test_without_a_token_the_page_says_that_it_needs_one(browser: Any, db: Any) -> None:

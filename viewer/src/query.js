@@ -53,7 +53,7 @@ function open(prefixes, value) {
     const editor = tab.getYasqe();
     if (known.has(editor)) return;
     known.add(editor);
-    // YASGUI would keep headers of its settings, and give them on in links; these it does not know.
+    // Headers of its settings YASGUI shows in the commands for cURL that it offers to share.
     editor.on("query", (_, request) => Object.entries(maps.headers).forEach(([key, value]) => request.headers.set(key, value)));
     editor.on("queryResponse", (_, answer) => (at("note").value = answer.headers?.get("Semmap-Note") ?? ""));
   });
@@ -65,8 +65,8 @@ function open(prefixes, value) {
     if (name) location.assign(`${at("viewer").href}#${new URLSearchParams({ selected: decodeURIComponent(name) })}`);
   });
   at("examples").addEventListener("change", ({ target }) => {
-    const { text, label } = target.selectedOptions[0];
-    const tab = yasgui.addTab(true, { name: label || text, yasqe: { value: target.value } }, { avoidDuplicateTabs: true });
+    const name = target.selectedOptions[0].text;
+    const tab = yasgui.addTab(true, { name, yasqe: { value: target.value } }, { avoidDuplicateTabs: true });
     yasgui.selectTabId(tab.getId());
     tab.query().catch(() => {}); // the tab shows why
     target.value = "";
