@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from semmap.api.live_events import LiveEvents
     from semmap.knowledge.answer import Answer
     from semmap.knowledge.client import KnowledgeClient
+    from semmap.knowledge.sparql.kept_queries import Session
     from semmap.knowledge.standing.subscriptions import Event
     from semmap.knowledge.updates import GraphChanges
 
@@ -123,13 +124,10 @@ class MapKnowledge(MapReasoning):
         `inferences`: with those of `reason`, in the graph ``urn:semmap:inferred``. ValueError
         where the map is not reasoned about.
         """
-        from semmap.knowledge.map_view import MapView
-        from semmap.knowledge.reasoning.runs import is_reasoned
         from semmap.knowledge.whole_graph import dump
 
         with self.reading() as session:
-            if inferences and not is_reasoned(MapView.of(session)):
-                raise ValueError("nothing is inferred from this map: run semmap knowledge reason")
+            _refuse_unreasoned(session, inferences)
             return dump(session, inferences=inferences)
 
     def export_rdf(self, path: str | Path, *, inferences: bool = False) -> int:
@@ -154,6 +152,31 @@ class MapKnowledge(MapReasoning):
         graph = self.graph(inferences=inferences)
         write_whole(path, serialized(graph, format_))
         return len(graph)
+
+    def r2rml(self, *, inferences: bool = False) -> str:
+        """Return the mapping of the map to RDF as R2RML, in Turtle, for Ontop and such programs.
+
+        It makes the facts of `graph` from the database. Comments list the properties that it
+        lacks, and why. `inferences`: with those of `reason`, in the graph ``urn:semmap:inferred``.
+        ValueError where the map is not reasoned about.
+        """
+        from semmap.knowledge.r2rml import r2rml
+
+        with self.reading() as session:
+            _refuse_unreasoned(session, inferences)
+            return r2rml(session, inferences=inferences)
+
+    def export_r2rml(self, path: str | Path, *, inferences: bool = False) -> int:
+        """Write `r2rml` to a file, and return how many triples maps it has.
+
+        Raises
+        ------
+        ValueError
+            The map is not reasoned about, and inferences are wanted.
+        """
+        text = self.r2rml(inferences=inferences)
+        write_whole(path, text)
+        return text.count(" a rr:TriplesMap ;\n")
 
     def import_rdf(
         self, path: str | Path, *, progress: Progress = lambda stage, done, total: None
@@ -218,3 +241,11 @@ class MapKnowledge(MapReasoning):
             started([*pushed])
             follower = FieldPush(self.engine, self.name, pushed, perspectives=perspectives)
             follower.follow(service.replies(), threading.Event())
+
+
+def _refuse_unreasoned(session: Session, inferences: bool) -> None:
+    from semmap.knowledge.map_view import MapView
+    from semmap.knowledge.reasoning.runs import is_reasoned
+
+    if inferences and not is_reasoned(MapView.of(session)):
+        raise ValueError("nothing is inferred from this map: run semmap knowledge reason")

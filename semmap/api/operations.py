@@ -210,6 +210,8 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.watch_sparql", "sparql", "reader"),
     Operation("Map.graph", "rdf export", "reader"),
     Operation("Map.export_rdf", "rdf export", "reader"),
+    Operation("Map.r2rml", "rdf mapping", "reader"),
+    Operation("Map.export_r2rml", "rdf mapping", "reader"),
     Operation("Map.import_rdf", "rdf import", "robot"),
     Operation("Map.push_fields", "rdf push", "robot"),
     Operation("Map.reason", "knowledge reason", "robot"),

@@ -122,6 +122,18 @@ def _export(call: MethodCall) -> None:
         print(serialized(call.handle.graph(**call.values), "turtle"), end="")
 
 
+@command_of("Map.export_r2rml", path="[FILE]")
+def _mapping(call: MethodCall) -> None:
+    """Write the mapping of the map to RDF as R2RML to a file, or to standard output.
+
+    Ontop answers SPARQL on the database by the file. Its comments list which properties it lacks.
+    """
+    if "path" in call.values:
+        print(f"{call()} triples maps -> {call.values['path']}")
+    else:
+        print(call.handle.r2rml(**call.values), end="")
+
+
 @command_of("Map.import_rdf", path=None, progress=None)
 def _import(
     call: MethodCall,
@@ -255,5 +267,5 @@ def _bind(
         print(f"binding shapes: {', '.join(names) or 'none'}")
 
 
-rdf_command = group(_export, _import, _push)
+rdf_command = group(_export, _mapping, _import, _push)
 knowledge_command = group(_reason, _contradictions, _why, _validate, _bind)

@@ -63,6 +63,11 @@ DATATYPES: dict[Form, str] = {
     "geojson": f"{GEO}geoJSONLiteral",
 }
 
+JSON_TAGS = (
+    *(DATATYPES[form] for form in ("string", "integer", "decimal", "boolean")),
+    f"{RDF}JSON",
+)
+"""What the SQL function `json_tag` returns."""
 
 ENTITY = TripleTables(("entity",), map_id="{a}.map_id", key="{a}.id")
 TYPED = TripleTables(("object_type",), map_id="{a}.map_id")

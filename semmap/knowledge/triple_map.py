@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -89,7 +90,7 @@ class TripleMap:
         name = self.name.format(**letters)
         return f"'{self.property}' || iri_encode({name})" if self.property else name, name
 
-    def tables(self) -> tuple[list[str], list[str]]:
+    def rows(self) -> tuple[list[str], list[str]]:
         """Return tables and conditions, with the letters as aliases and the map as parameter."""
         source, subject = self.source, self.subject.placed(OWN_LETTERS)
         tables = [
@@ -102,8 +103,12 @@ class TripleMap:
         elif subject.form == "entity":
             tables.append("entity of_map")
             where.append(f"of_map.id = {subject.sql} AND of_map.map_id = %(map)s")
-        where.append(f"{self.object.placed(OWN_LETTERS).sql} IS NOT NULL")
         return tables, where
+
+    def tables(self) -> tuple[list[str], list[str]]:
+        """Return the same of the rows whose object is not null."""
+        tables, where = self.rows()
+        return tables, [*where, f"{self.object.placed(OWN_LETTERS).sql} IS NOT NULL"]
 
 
 LETTERS = "abcdef"
@@ -130,6 +135,12 @@ class Computed:
 def constant(iri: str) -> Value:
     """Return a column that has the same IRI in each row."""
     return Value("iri", f"'{iri}'::text")
+
+
+def constant_iri(value: Value) -> str | None:
+    """Return the IRI of a `constant`; None for a column with more than one."""
+    found = re.fullmatch("'([^']*)'::text", value.sql)
+    return found and found[1]
 
 
 def columns_of(

@@ -129,14 +129,20 @@ def _written(term: Any) -> Any:
 def triple_query(triple: TripleMap) -> str:
     """Return the SELECT of a triple map: texts and tags, and the graph."""
     subject, object_ = (each.placed(OWN_LETTERS) for each in (triple.subject, triple.object))
-    inferred = f"'{INFERRED_GRAPH}'" if triple in INFERENCES else "''"
     columns = (
         text_of(subject, "%(namespace)s::text"),
         tag_of(subject),
         triple.verb(OWN_LETTERS)[0],
         text_of(object_, "%(namespace)s::text"),
         tag_of(object_),
-        "a.graph" if triple in STATEMENTS_AS_TEXTS else inferred,
+        graph_of(triple),
     )
     tables, where = triple.tables()
     return f"SELECT {', '.join(columns)} FROM {', '.join(tables)} WHERE {' AND '.join(where)}"
+
+
+def graph_of(triple: TripleMap) -> str:
+    """Return the SQL of the graph of a triple map's facts; the default graph is empty."""
+    if triple in STATEMENTS_AS_TEXTS:
+        return "a.graph"
+    return f"'{INFERRED_GRAPH}'" if triple in INFERENCES else "''"
