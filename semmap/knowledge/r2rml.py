@@ -12,8 +12,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from textwrap import fill, indent
 
-from psycopg import ClientCursor, sql
-
 from semmap.database.parameters import SETTINGS
 from semmap.knowledge.fields.properties import field_properties, is_of_fields
 from semmap.knowledge.map_view import MapView
@@ -36,7 +34,6 @@ from semmap.knowledge.whole_graph import graph_of
 RR = "http://www.w3.org/ns/r2rml#"
 TRIPLES_MAP = "urn:semmap:triples-map:"
 
-_NAMESPACE = "%(namespace)s::text"
 _KNOWN = {"rr": RR, "map": TRIPLES_MAP, **PREFIXES}
 
 Tagged = tuple[TripleMap, str]
@@ -80,22 +77,28 @@ def _with_constants(triple: TripleMap, graph: str, tag: str) -> TripleMap:
     """Return the triple map for the facts of a graph whose objects have a tag."""
     where = list(triple.source.where)
     if triple in STATEMENTS_AS_TEXTS:
-        where.append(f"{{a}}.graph = {_literal(graph)}")
+        where.append(f"{{a}}.graph = {_formatted(graph)}")
     if triple.object.tag:
-        where.append(f"{triple.object.tag} = {_literal(tag)}")
+        where.append(f"{triple.object.tag} = {_formatted(tag)}")
     return replace(triple, source=replace(triple.source, where=tuple(where)))
 
 
 def _literal(text: str) -> str:
-    """Return a text in SQL that is formatted, and has parameters."""
-    found = sql.Literal(text).as_string(None)
-    return found.replace("%", "%%").replace("{", "{{").replace("}", "}}")
+    """Return a text in SQL without a %, which drivers may take for a parameter."""
+    found = text.replace("\\", "\\\\").replace("'", "''").replace("%", "\\x25")
+    return f"E'{found}'" if "\\" in found else f"'{found}'"
+
+
+def _formatted(text: str) -> str:
+    """Return the same, for SQL that is formatted."""
+    return _literal(text).replace("{", "{{").replace("}", "}}")
 
 
 def _triples_map(view: MapView, name: str, graph: str, group: list[Tagged]) -> str:
     """Return the triples map of facts with the same rows, subject and graph."""
     first, _ = group[0]
-    columns = {text_of(first.subject.placed(OWN_LETTERS), _NAMESPACE): "s"}
+    namespace = _literal(view.namespace)
+    columns = {text_of(first.subject.placed(OWN_LETTERS), namespace): "s"}
     properties = []
     for triple, tag in group:
         verb, named = triple.verb(OWN_LETTERS)
@@ -107,7 +110,7 @@ def _triples_map(view: MapView, name: str, graph: str, group: list[Tagged]) -> s
         iri = constant_iri(object_)
         term = f"rr:object {_turtle(iri or '')}"
         if iri is None:
-            text = text_of(object_, _NAMESPACE)
+            text = text_of(object_, namespace)
             column = columns.setdefault(text, f"o{len(columns)}")
             term = f'rr:objectMap [ rr:column "{column}"{_kind(tag)} ]'
         properties.append(f"    rr:predicateObjectMap [ {predicate} ; {term} ]")
@@ -128,8 +131,7 @@ def _query(view: MapView, triple: TripleMap, columns: Mapping[str, str]) -> str:
     text = f"SELECT {selected}\nFROM {', '.join(tables)}"
     if where:
         text += f"\nWHERE {' AND '.join(where)}"
-    values = {"namespace": view.namespace, "map": view.number}
-    return ClientCursor(view.session).mogrify(text.encode(), values)
+    return text.replace("%(map)s", str(view.number))
 
 
 def _kind(tag: str) -> str:

@@ -93,6 +93,7 @@ CALLS: dict[str, Call] = {
     "Map.sparql": lambda flat, role: flat.sparql("SELECT ?m { ?m a semmap:Mug }"),
     "Map.sql": lambda flat, role: flat.sql("SELECT count(*) FROM object"),
     "Map.graph": lambda flat, role: flat.graph(),
+    "Map.r2rml": lambda flat, role: flat.r2rml(),
     "Map.contradictions": lambda flat, role: flat.contradictions(),
     "SpatialFields.at": lambda flat, role: flat.fields.at(1, 0.4, 0.7),
     "SpatialFields.ls": lambda flat, role: flat.fields.ls(),

@@ -17,6 +17,7 @@ from tests.soak.disk import fill, small_disk
 WRITERS: dict[str, Callable[[semmap.Map, Path], object]] = {
     **{f"map{ending}": lambda made, path: made.export(path) for ending in FORMATS},
     "facts.ttl": lambda made, path: made.export_rdf(path),
+    "mapping.ttl": lambda made, path: made.export_r2rml(path),
     "doors.dot": lambda made, path: made.write_topology(path),
     "doors.json": lambda made, path: made.write_topology(path),
     "ways.geojson": lambda made, path: made.write_topology(path, format="nav2"),

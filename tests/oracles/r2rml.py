@@ -14,6 +14,9 @@ import pyoxigraph
 import pytest
 from sqlalchemy import URL
 
+from semmap import Map
+from semmap.knowledge.whole_graph import serialized
+
 _MADE = Path(sys.prefix) / "r2rml/bin/python"
 _PYTHON = os.environ.get("SEMMAP_R2RML_PYTHON") or (str(_MADE) if _MADE.exists() else "")
 
@@ -34,6 +37,12 @@ mappings = {document}
 db_url = {url}
 """
 """None is how it writes nulls before it leaves them out."""
+
+
+def facts_of(made: Map, *, inferences: bool = False) -> set[pyoxigraph.Quad]:
+    """Return what `semmap rdf export` writes of a map."""
+    text = serialized(made.graph(inferences=inferences), "nquads")
+    return set(pyoxigraph.parse(text.encode(), format=pyoxigraph.RdfFormat.N_QUADS))
 
 
 def materialized(document: Path, database: URL) -> set[pyoxigraph.Quad]:

@@ -38,6 +38,7 @@ from semmap.manipulation.store.tasks import record_task
 from tests.command_line import semmap as semmap_command
 from tests.knowledge.engines import Engines, comparable
 from tests.manipulation.cup_map import candidate
+from tests.oracles.r2rml import facts_of, materialized, needs_processor
 from tests.question_page import DOCS, blocks_of, plain, questions, written
 from tests.seen import seen_by
 
@@ -194,6 +195,14 @@ def test_the_ontology_declares_the_properties() -> None:
     declared = {str(each) for kind in kinds for each in ontology.subjects(rdflib.RDF.type, kind)}
     used = {t.property for t in MANIPULATION_TRIPLES if t.property.startswith(SEMMAP)}
     assert used - declared == set()
+
+
+@needs_processor
+def test_a_processor_of_r2rml_makes_the_facts_of_the_house(house: Map, tmp_path: Path) -> None:
+    house.export_r2rml(tmp_path / "house.ttl")
+    expected = facts_of(house)
+    assert {f"<{t.property}>" for t in MANIPULATION_TRIPLES} & {str(q.predicate) for q in expected}
+    assert materialized(tmp_path / "house.ttl", house.engine.url) == expected
 
 
 def test_statements_about_a_grasp_join_it(session: psycopg.Connection[Any]) -> None:
