@@ -26,7 +26,9 @@ def sparql_command(
     call: MethodCall,
     update: bool = Option(False, "--update", help="TEXT is an update: it may change the map."),
     explain: bool = Option(
-        False, "--explain", help="Print what is asked of fields, the SQL and its plan."
+        False,
+        "--explain",
+        help="Print a script of psql instead: the SQL, its plan, what fields and rdflib answer.",
     ),
     watch: bool = Option(
         False, "--watch", help="Follow the map: print which rows appear and disappear."
@@ -71,17 +73,15 @@ def _watch(call: MethodCall, text: str, json_: bool) -> None:
 
 
 def _show(answer: Answer, explain: bool, json_: bool) -> None:
-    from semmap.knowledge.results import shown, sparql_json
+    from semmap.knowledge.results import explained_json, explained_script, shown, sparql_json
     from semmap.knowledge.vocabulary import prefixes
     from semmap.knowledge.whole_graph import serialized
 
     for note in answer.notes:
         print(note, file=sys.stderr)
-    for part in answer.explanation if explain else ():
-        print(part, file=sys.stderr if json_ else sys.stdout)
-    if explain and not json_:
-        return
-    if json_ and answer.graph is not None:
+    if explain:
+        print(explained_json(answer) if json_ else explained_script(answer))
+    elif json_ and answer.graph is not None:
         print(serialized(answer.graph, "json-ld"))
     elif json_:
         print(sparql_json(answer))

@@ -13,6 +13,18 @@ from semmap.knowledge.sparql.kept_queries import Row
 from semmap.knowledge.vocabulary import decode, map_namespace, prefixes, short
 
 
+class Explained(str):
+    """A part of an explanation, and what it is: "sql", "plan", "fields" or "rdflib"."""
+
+    kind: str
+
+    def __new__(cls, kind: str, text: str) -> Explained:
+        """Return the text of a kind."""
+        made = super().__new__(cls, text)
+        made.kind = kind
+        return made
+
+
 @dataclass(frozen=True)
 class Answer:
     """The answer of a query; true if an ASK is, or if there are rows.
@@ -34,8 +46,8 @@ class Answer:
     rows: tuple[Row, ...] = ()
     truth: bool | None = None  # of an ASK
     graph: rdflib.Graph | None = None  # the triples of a CONSTRUCT or DESCRIBE
-    # the fields that were asked, the SQL, or the patterns for rdflib
-    explanation: tuple[str, ...] = ()
+    # the fields that were asked, the SQL, its plans, or why rdflib evaluated the query
+    explanation: tuple[Explained, ...] = ()
     notes: tuple[str, ...] = ()  # entities without voxels, names that the map does not have
     map_name: str = ""
 

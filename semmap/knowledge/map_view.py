@@ -10,9 +10,11 @@ from typing import Any
 
 import psycopg
 import rdflib
+from psycopg import ClientCursor
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.database.maps import pick_map
+from semmap.knowledge.answer import Explained
 from semmap.knowledge.fields.rows import FieldRows
 from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, literals_in, resolve
 from semmap.knowledge.sparql.kept_queries import Basis, Row, Session
@@ -42,7 +44,8 @@ class MapView:
     number: int
     inferred: Inferred = NOTHING_INFERRED  # what queries see of its inferences
     deadline: float = float("inf")  # when queries are stopped, of `time.monotonic`
-    statements: list[str] = field(default_factory=list)  # what was asked, of SQL and of fields
+    # what was asked, of SQL and of fields
+    statements: list[Explained] = field(default_factory=list)
     chosen: Chosen | None = None  # the graphs that a text chooses to read
     notes: list[str] = field(default_factory=list)  # what the answers say nothing of
     plans: bool = False  # whether the plan of each statement is read, too
@@ -118,14 +121,14 @@ class MapView:
         found: SqlStatement = kept[key]
         return found
 
-    def run(self, statement: SqlStatement) -> list[Row]:
-        """Return the solutions of a statement."""
-        values = (f"\n-- {name} = {value!r}" for name, value in statement.parameters.items())
-        self.statements.append(statement.sql + "".join(values))
+    def run(self, statement: SqlStatement, about: str = "") -> list[Row]:
+        """Return the solutions of a statement, which answers a pattern of rdflib's or the query."""
+        asked = ClientCursor(self.session).mogrify(statement.sql.encode(), statement.parameters)
+        self.statements.append(Explained("sql", f"{about}{asked}"))
         if self.plans:
             sql = f"EXPLAIN (ANALYZE, BUFFERS, SETTINGS) {statement.sql}"
             plan = self.session.execute(sql.encode(), statement.parameters, prepare=False)
-            self.statements.append("\n".join(line for (line,) in plan))
+            self.statements.append(Explained("plan", "\n".join(line for (line,) in plan)))
         for _ in range(_TRIES):
             self.check_time()
             with self.session.cursor() as cursor:
@@ -166,7 +169,8 @@ class MapView:
         node: Any = CompValue("BGP", triples=[terms])
         if graph is not None:
             node = CompValue("Graph", term=graph, p=node)
-        for row in self.run(self.statement(node, free)):
+        shown = " ".join(" ".join(term.n3() for term in terms).split())  # on one line
+        for row in self.run(self.statement(node, free), f"-- {shown}\n"):
             known = dict(zip(free, row, strict=True))
             s, p, o = (known.get(n, t) for n, t in zip(names, pattern, strict=True))
             yield s, p, o

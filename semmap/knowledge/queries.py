@@ -18,7 +18,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from rdflib.store import Store
 
 from semmap.error import Error
-from semmap.knowledge.answer import Answer
+from semmap.knowledge.answer import Answer, Explained
 from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.rdflib_algebra import correct
@@ -128,7 +128,7 @@ def _made(
     map_name: str,
     names: tuple[str, ...],
     most: int,
-    explanation: tuple[str, ...],
+    explanation: tuple[Explained, ...],
     notes: tuple[str, ...],
     found: list[Row],
 ) -> Answer:
@@ -238,7 +238,7 @@ def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most
         tuple(rows),
         found.get("askAnswer"),
         found.get("graph"),
-        (reason, *view.statements),
+        (Explained("rdflib", reason), *view.statements),
     )
 
 

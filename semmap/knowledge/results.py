@@ -7,12 +7,16 @@ import io
 import json
 import re
 from collections.abc import Mapping
+from textwrap import indent
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 import rdflib
+from psycopg import sql
 
-from semmap.knowledge.answer import Answer
+from semmap.database.parameters import SETTINGS
+from semmap.knowledge.answer import Answer, Explained
+from semmap.knowledge.sparql.kept_queries import PLANNER
 from semmap.knowledge.vocabulary import short
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r -\U0010ffff]")
@@ -36,6 +40,29 @@ def sparql_json(answer: Answer) -> str:
         for row in answer.rows
     ]
     return json.dumps({"head": {"vars": list(answer.names)}, "results": {"bindings": bindings}})
+
+
+def explained_json(answer: Answer) -> str:
+    """Return the parts of an explanation, after the settings of the session."""
+    parts = [_settings(answer), *answer.explanation]
+    return json.dumps([{"kind": part.kind, "text": part} for part in parts])
+
+
+def explained_script(answer: Answer) -> str:
+    """Return an explanation as a script of psql: all but settings and SQL is in comments."""
+    parts = [
+        f"{part};" if part.kind in ("settings", "sql") else indent(part, "-- ", lambda _: True)
+        for part in (_settings(answer), *answer.explanation)
+    ]
+    return "\n\n".join(parts)
+
+
+def _settings(answer: Answer) -> Explained:
+    """Return the SQL of a session's settings, by which the answer's SQL finds tables and map."""
+    map_name = sql.Literal(answer.map_name).as_string(None)
+    values = {**SETTINGS, **PLANNER, "semmap.map": map_name}
+    text = ";\n".join(f"SET {name} = {value}" for name, value in values.items())
+    return Explained("settings", text)
 
 
 def event_json(what: str, bindings: Mapping[str, Any]) -> str:

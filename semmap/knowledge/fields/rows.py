@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import rdflib
 
+from semmap.knowledge.answer import Explained
 from semmap.knowledge.fields.properties import (
     FieldAnswer,
     FieldQuery,
@@ -108,7 +109,7 @@ class FieldRows:
 
         answer = ask_fields(self.view, query)
         self.view.statements.append(
-            f"fields: {query.text}\n-- {len(answer.rows)} rows, by {answer.by}"
+            Explained("fields", f"fields: {query.text}\n-- {len(answer.rows)} rows, by {answer.by}")
         )
         if answer.left_out:
             shown = ", ".join(answer.left_out[:5]) + (", ..." if len(answer.left_out) > 5 else "")

@@ -51,7 +51,7 @@ class TriplePatterns(PropertyPaths):
         if iri in _COMPUTED:
             return _COMPUTED[iri]
         if is_of_fields(iri) or is_of_voxels(iri):
-            raise UntranslatedError("fields state this")
+            raise UntranslatedError(f"fields state {predicate.n3()}")
         return self._matched(self.part(subject), predicate, self._end(predicate, object_), scope)
 
     def _matched(
@@ -139,7 +139,8 @@ class TriplePatterns(PropertyPaths):
     ) -> None:
         """Join what fields answer; variables that nothing else needs are counted there."""
         if self._fields is None:
-            raise UntranslatedError("fields cannot be asked here")
+            properties = ", ".join(dict.fromkeys(verb.n3() for _, verb, _ in stated))
+            raise UntranslatedError(f"fields cannot be asked for {properties} here")
 
         def is_needed(name: str, count: int) -> bool:
             return name.startswith("*") or self._uses.get(name, 0) > count
