@@ -66,7 +66,7 @@ def test_all_rows_of_the_mapping_have_their_columns(loft_map: Map) -> None:
     document = rdflib.Graph().parse(data=text)
     predicates = {str(each) for each in document.objects(None, TERM.predicate)}
     assert {t.property for t in TRIPLES if t.name is None} <= predicates
-    others = {each.property for each in (*COMPUTED, *REWRITTEN)}
+    others = {each.property for each in COMPUTED} | {each.property for each in REWRITTEN}
     assert not others & predicates
     comments = " ".join(line for line in text.splitlines() if line.startswith("#"))
     for iri in others:

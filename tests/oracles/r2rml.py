@@ -46,9 +46,9 @@ def facts_of(made: Map, *, inferences: bool = False) -> set[pyoxigraph.Quad]:
 
 
 def materialized(document: Path, database: URL) -> set[pyoxigraph.Quad]:
-    """Return the triples that a document makes of a database."""
+    """Return the triples that a document makes of a database, for a login that only reads."""
     made, settings = document.with_suffix(".nq"), document.with_suffix(".ini")
-    path = {"options": "-csearch_path=semmap,public"}
+    path = {"options": "-csearch_path=semmap,public -crole=semmap_reader"}
     url = database.set(drivername="postgresql+psycopg").update_query_dict(path)
     text = url.render_as_string(hide_password=False).replace("$", "$$")
     settings.write_text(_SETTINGS.format(made=made, document=document, url=text))
