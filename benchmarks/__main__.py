@@ -32,6 +32,7 @@ TABLES = (
     "knowledge",
     "stated",
     "endpoint",
+    "questions",
     "subscriptions",
     "reasoning",
     "interlinking",

@@ -35,7 +35,7 @@ CASES = ((50, 0, 50), (200, 0, 50), (200, 0, 100), (200, 10, 25), (200, 10, 50),
 
 def main() -> None:
     """Measure the endpoint."""
-    with fresh_map("bench office", _made) as (_, made), _server() as port:
+    with fresh_map("bench office", _made) as (_, made), served() as port:
         path = f"/maps/{quote(made.name)}/rdf/sparql?query="
         rows = []
         for clients, heavy, rate in CASES:
@@ -62,7 +62,7 @@ def _made(database: semmap.Database) -> semmap.Map:
 
 
 @contextmanager
-def _server() -> Iterator[int]:
+def served() -> Iterator[int]:
     """Serve the maps with `semmap serve`, a process of its own."""
     program = "from semmap.cli import main; main()"
     command = [sys.executable, "-c", program, "serve", "--port", "0", "--seconds", "10"]
@@ -101,7 +101,9 @@ class _Load:
     async def _light(self, number: int, due: float, period: float, end: float) -> None:
         while due < end:
             await asyncio.sleep(due - time.monotonic())
-            status = await self._answer(f"127.0.1.{number + 1}", SMALL)
+            status, _ = await answered(
+                self._port, self._path + quote(SMALL), f"127.0.1.{number + 1}"
+            )
             self.latencies.append(time.monotonic() - due)
             self.answers[status] += 1
             due += period
@@ -109,16 +111,18 @@ class _Load:
     async def _heavy(self, number: int) -> None:
         with suppress(asyncio.CancelledError):
             while True:
-                status = await self._answer(f"127.0.2.{number + 1}", HEAVY.format(number))
+                path = self._path + quote(HEAVY.format(number))
+                status, _ = await answered(self._port, path, f"127.0.2.{number + 1}")
                 await asyncio.sleep(1 if status == 503 else 0)
 
-    async def _answer(self, address: str, query: str) -> int:
-        reader, writer = await asyncio.open_connection(
-            "127.0.0.1", self._port, local_addr=(address, 0)
-        )
-        try:
-            head = f"GET {self._path}{quote(query)} HTTP/1.1\r\nHost: localhost\r\n"
-            writer.write(f"{head}Connection: close\r\n\r\n".encode())
-            return int((await reader.read()).split()[1])
-        finally:
-            writer.close()
+
+async def answered(port: int, path: str, address: str) -> tuple[int, bytes]:
+    """Return the status and the body of an answer to a client with an address of its own."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0))
+    try:
+        head = f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+        writer.write(head.encode())
+        head_of_answer, _, body = (await reader.read()).partition(b"\r\n\r\n")
+        return int(head_of_answer.split()[1]), body
+    finally:
+        writer.close()
