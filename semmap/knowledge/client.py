@@ -15,6 +15,7 @@ from semmap.knowledge.facts import DENIED, Fact, FactWriter, refusal_text, with_
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import ClientPattern, name_of, parse_pattern, query_text, variables
 from semmap.knowledge.queries import KnowledgeError, limited_view, query
+from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 from semmap.knowledge.updates import GraphChanges
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace
@@ -76,11 +77,26 @@ class KnowledgeClient:
         lifespan : seconds after which new statements end; 0 for never. A statement that is there
             without an end keeps none, and an earlier end is put off
         """
+        return self.revise_models([model], statements, method, lifespan=lifespan)
+
+    def revise_models(
+        self,
+        models: Sequence[str | None],
+        statements: Statements,
+        method: str = "add",
+        *,
+        lifespan: float = 0,
+        unknown: bool = False,
+    ) -> GraphChanges:
+        """Change the statements of several models as `revise` does: of all of them, or of none.
+
+        With `unknown`, no statement about what the map does not have is refused or makes an entity.
+        """
         if method not in METHODS:
             raise KnowledgeError(f"method {method!r} is not one of {', '.join(METHODS)}")
         if not 0 <= lifespan < 1e10:
             raise KnowledgeError(f"lifespan {lifespan!r} is not a number of seconds from 0 on")
-        patterns, graph = self.parsed(statements), self.graph_of(model)
+        patterns, graphs = self.parsed(statements), [self.graph_of(model) for model in models]
         if method != "retract":
             _refuse_variables(patterns)
         with self.view() as view:
@@ -91,15 +107,16 @@ class KnowledgeClient:
                 (view.number,),
             )
             with _refusals(), with_consequences(view):
+                writer = FactWriter(view, lifespan, unknown=unknown)
                 if method == "retract":
-                    gone = [fact for p in patterns for fact in _matching(view, p, graph)]
-                    return GraphChanges(0, FactWriter(view).delete(gone))
-                facts = [Fact(*pattern, graph) for pattern in patterns]
+                    gone = [f for g in graphs for p in patterns for f in _matching(view, p, g)]
+                    return GraphChanges(0, writer.delete(gone))
+                facts = [Fact(*pattern, graph) for graph in graphs for pattern in patterns]
                 removed = 0
                 if method == "update":
                     gone = [fact for new in facts for fact in _replaced(view, new)]
-                    removed = FactWriter(view).delete(f for f in gone if f not in facts)
-                added = FactWriter(view, lifespan).insert(facts)
+                    removed = writer.delete(f for f in gone if f not in facts)
+                added = writer.insert(facts)
                 return GraphChanges(added, removed)
 
     def add(
@@ -152,14 +169,18 @@ class KnowledgeClient:
         return [dict(zip(wanted, row, strict=True)) for row in found]
 
     def rows(
-        self, patterns: Statements, names: Sequence[str], *, model: str | None = None
+        self,
+        patterns: Statements,
+        names: Sequence[str],
+        *,
+        model: str | None = None,
+        tbox: bool = True,
     ) -> list[tuple[Any, ...]]:
         """Return the values of variables in each solution of patterns, as in statements."""
         wanted = [name.removeprefix("?") for name in names]
         text = query_text(self.parsed(patterns), wanted, self.graph_of(model))
-        return [
-            tuple(name_of(term, self.map_name) for term in row) for row in self.sparql(text).rows
-        ]
+        rows = self.sparql(text, tbox=tbox).rows
+        return [tuple(name_of(term, self.map_name) for term in row) for row in rows]
 
     def __getitem__(self, patterns: Statements) -> set[Any] | list[dict[str, Any]]:
         """As `find`, of all variables of the patterns; ``*`` stands for one without a name."""
@@ -173,10 +194,10 @@ class KnowledgeClient:
         rows = self.sparql(query_text(parsed, [str(starred[0])], None)).rows
         return {name_of(term, self.map_name) for (term,) in rows}
 
-    def has(self, patterns: Statements, *, model: str | None = None) -> bool:
+    def has(self, patterns: Statements, *, model: str | None = None, tbox: bool = True) -> bool:
         """Return whether all patterns match together."""
         text = query_text(self.parsed(patterns), [], self.graph_of(model))
-        return bool(self.sparql(text).truth)
+        return bool(self.sparql(text, tbox=tbox).truth)
 
     def __contains__(self, patterns: Statements) -> bool:
         """As `has`."""
@@ -216,10 +237,15 @@ class KnowledgeClient:
             "attributes": [attributes],
         }
 
-    def sparql(self, text: str) -> Answer:
-        """Answer a query of SPARQL."""
+    def sparql(self, text: str, *, model: str | None = None, tbox: bool = True) -> Answer:
+        """Answer a query of SPARQL on the map, or on one model in place of it.
+
+        Without `tbox`, triples of variables alone do not match the T-Box.
+        """
+        graph = self.graph_of(model)
+        chosen = None if graph is None else Chosen((str(graph),))
         with self.view() as view:
-            return query(view.session, text)
+            return query(view.session, text, dataset=chosen, tbox=tbox)
 
     def subscribe(
         self,
@@ -243,6 +269,10 @@ class KnowledgeClient:
         text = query_text(parsed, variables(parsed), self.graph_of(model))
         named = None if callback is None else lambda event: callback(self._named(event))
         return self._subscriptions.add(text, one_shot=one_shot, callback=named)[0]
+
+    def catch_up(self) -> None:
+        """Find the events of the last change now, so that the next one cannot undo them unseen."""
+        self._subscriptions.catch_up()
 
     def unsubscribe(self, number: int) -> None:
         """End a subscription."""

@@ -141,10 +141,15 @@ Stated = tuple[psycopg.Cursor[Any], list[Fact], int]
 
 
 class FactWriter:
-    """Writes facts of one request; new statements end after `lifespan` seconds; 0: never."""
+    """Writes facts of one request; new statements end after `lifespan` seconds; 0: never.
 
-    def __init__(self, view: MapView, lifespan: float = 0) -> None:
+    With `unknown`, all facts with a name that is not an entity's are statements; else some are
+    refused, and a type makes the entity.
+    """
+
+    def __init__(self, view: MapView, lifespan: float = 0, *, unknown: bool = False) -> None:
         self._view = view
+        self._unknown = unknown
         self._until: datetime | None = None
         if lifespan:
             end = "SELECT clock_timestamp() + make_interval(secs => %s)"
@@ -177,10 +182,11 @@ class FactWriter:
                 foreign = {each: self._is_foreign(each) for each in {f.subject for f in some}}
                 statements = []
                 for fact in some:
-                    if fact.graph is None and not foreign[fact.subject]:
+                    iri = self._property_of(fact)
+                    own = fact.graph is None and not foreign[fact.subject]
+                    if own and not self._lacks_object(fact, iri):
                         of_map.append(fact)
                     else:
-                        iri = self._property_of(fact)
                         self._refuse_invisible(fact, iri)
                         statements.append((fact, iri))
                 if statements:
@@ -292,6 +298,8 @@ class FactWriter:
         """Remove a fact from the table that has columns for it; None: it is a statement."""
         if fact.graph is not None or self._is_foreign(fact.subject):
             return None
+        if self._lacks_object(fact, iri):
+            return None
         if iri == f"{RDF}type" and self._type(fact) is not None:
             return self._execute(
                 "UPDATE entity SET type = NULL WHERE id = %(id)s AND type = %(type)s",
@@ -348,7 +356,15 @@ class FactWriter:
         """Return whether a subject is not a node of a map, nor a name of the map's vocabulary."""
         if isinstance(term, rdflib.BNode) or term.startswith(SKOLEM):
             return True
-        return self._constants.node(str(term))[0] == "iri" and not term.startswith("urn:semmap:")
+        if self._constants.node(str(term))[0] != "iri":
+            return False
+        unknown = self._unknown and term.startswith(self._view.namespace)
+        return unknown or not term.startswith("urn:semmap:")
+
+    def _lacks_object(self, fact: Fact, iri: str) -> bool:
+        """Return whether a statement is what a link or a placement would be without an entity."""
+        table = self._table(fact, iri) if self._unknown else None
+        return table in (_PLACED, _TABLES[RELATION]) and self._entity(fact.object) is None
 
     def _execute(self, sql: str, values: dict[str, Any]) -> int:
         session = self._view.session

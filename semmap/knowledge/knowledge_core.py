@@ -6,7 +6,7 @@ import inspect
 import json
 import re
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from hashlib import md5
 from importlib.metadata import version
@@ -15,12 +15,15 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+import psycopg
 import rdflib
+from sqlalchemy.exc import DBAPIError
 
 from semmap.database import open_engine
 from semmap.error import Error
 from semmap.ingest.world import WorldError
 from semmap.knowledge.client import KnowledgeClient
+from semmap.knowledge.facts import refusal_text
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import name_of
 from semmap.knowledge.rdf_file import read_facts, store_facts
@@ -58,11 +61,14 @@ class KB(AbstractContextManager["KB"]):
     [{'var1': 'alfred'}]
     """
 
-    def __init__(self, source: MapSource | None = None) -> None:
+    def __init__(self, source: MapSource | KnowledgeClient | None = None) -> None:
+        """See a map, by a client that several of these may share, else by one of its own."""
+        self._shared = isinstance(source, KnowledgeClient)
         if source is None:
             source = MapHandle(open_engine())
-        self._engine = source.engine
-        self._client = KnowledgeClient(source)
+        if not isinstance(source, KnowledgeClient):
+            source = KnowledgeClient(source)
+        self._client = source
         self.events: SimpleQueue[tuple[str, list[dict[str, Any]]]] = SimpleQueue()
         self._subscribed: dict[tuple[str, Any], list[int]] = {}
 
@@ -71,7 +77,18 @@ class KB(AbstractContextManager["KB"]):
 
     def close(self) -> None:
         """End all subscriptions."""
-        self._client.close()
+        self._unsubscribe()
+        if not self._shared:
+            self._client.close()
+
+    def _unsubscribe(self) -> None:
+        while self._subscribed:
+            _, numbers = self._subscribed.popitem()
+            self._end(numbers)
+
+    def _end(self, numbers: Iterable[int]) -> None:
+        for number in numbers:
+            self._client.unsubscribe(number)
 
     def hello(self) -> str:
         """Return the name and version of what answers."""
@@ -96,12 +113,9 @@ class KB(AbstractContextManager["KB"]):
 
     def clear(self) -> None:
         """Remove all statements of the map and its models; entities and their tables stay."""
-        for numbers in self._subscribed.values():
-            for number in numbers:
-                self._client.unsubscribe(number)
-        self._subscribed.clear()
-        with self._client.view() as view:
+        with _errors(), self._client.view() as view:
             view.session.execute("DELETE FROM triple WHERE map_id = %s", (view.number,))
+        self._unsubscribe()
 
     def load(self, filename: str | Path, models: Models = None) -> None:
         """Add the statements of an RDF file: RDF/XML, Turtle, N3 or N-Triples."""
@@ -125,15 +139,21 @@ class KB(AbstractContextManager["KB"]):
                 f"{wrong} is unknown; keys: method, models, lifespan; methods: "
                 + ", ".join(_METHODS)
             )
-        if isinstance(stmts, str):
+        if isinstance(stmts, str) or not all(isinstance(each, str) for each in stmts):
             raise KbError(f"{stmts!r}: a list of statements is expected")
+        for each in stmts:
+            if each.split(None, 2)[2:] and each.split(None, 2)[2].startswith("'"):
+                raise KbError(f"{each!r}: write a string in double quotes")
         retracts = policy["method"] in ("retract", "remove")
         with _errors():
-            for model in self._models(policy.get("models")):
-                if retracts:
-                    self._client.retract(stmts, model=model)
-                else:
-                    self._client.update(stmts, model=model, lifespan=policy.get("lifespan") or 0)
+            self._client.revise_models(
+                self._models(policy.get("models")),
+                stmts,
+                "retract" if retracts else "update",
+                lifespan=0 if retracts else policy.get("lifespan") or 0,
+                unknown=True,
+            )
+        self._client.catch_up()
 
     def update(self, stmts: Sequence[str], models: Models = None, lifespan: float = 0) -> None:
         """Add statements; those with a functional property replace former ones."""
@@ -183,7 +203,7 @@ class KB(AbstractContextManager["KB"]):
             ]
             found: dict[tuple[Any, ...], None] = {}
             for model in self._models(models):
-                rows = self._client.rows(patterns, names, model=model)
+                rows = self._client.rows(patterns, names, model=model, tbox=False)
                 found |= dict.fromkeys(rows)
         return [dict(zip(shown, row, strict=True)) for row in found]
 
@@ -191,7 +211,9 @@ class KB(AbstractContextManager["KB"]):
         """Return whether all statements or patterns match together, in each of the models."""
         with _errors():
             patterns = _listed(stmts)
-            return all(self._client.has(patterns, model=m) for m in self._models(models))
+            return all(
+                self._client.has(patterns, model=m, tbox=False) for m in self._models(models)
+            )
 
     def __getitem__(self, given: Any) -> Any:
         args = [given] if isinstance(given, str) else list(given)
@@ -231,8 +253,17 @@ class KB(AbstractContextManager["KB"]):
 
     def label(self, term: str, lang: str | None = None, models: Models = None) -> str:
         """Return the label of a term in a language, else the default one, else the term."""
-        labels = self._labels(term, models)
+        labels = self.labels(term, models)
         return labels.get(lang or "default", labels["default"])
+
+    def labels(self, term: str, models: Models = None) -> dict[str, str]:
+        """Return the labels of a term by language; "default" is one without, in English, or it."""
+        labels: dict[str, str] = {}
+        with _errors(), self._client.view() as view:
+            resource = self._client.resource(view, term)
+            for triple in self._triples(view, models, (resource, rdflib.RDFS.label, None)):
+                labels[getattr(triple[2], "language", None) or "default"] = str(triple[2])
+        return {"default": labels.get("en", term)} | labels
 
     def details(self, term: str, models: Models = None) -> dict[str, Any]:
         """Return name, labels, id, type, equivalents, and the classes or relatives of a term."""
@@ -263,7 +294,7 @@ class KB(AbstractContextManager["KB"]):
             elif kind == "instance":
                 attributes = [("Classes", "classes", values(direct) or values(is_a))]
             same = values(rdflib.OWL.sameAs, rdflib.OWL.equivalentClass)
-        labels = self._labels(term, models)
+        labels = self.labels(term, models)
         return {
             "name": labels["default"],
             "label": labels,
@@ -286,12 +317,13 @@ class KB(AbstractContextManager["KB"]):
         return list(found)
 
     def sparql(self, query: str, models: Models = None) -> dict[str, Any]:
-        """Return the answer of a query as SPARQL's JSON; without a prefix is as in statements."""
-        names = self._models(models)
-        if names != [None]:
-            raise KbError("a query of SPARQL names its model: GRAPH :model { ... }")
+        """Return the answer of a query on one model as SPARQL's JSON."""
         with _errors():
-            answer: dict[str, Any] = json.loads(sparql_json(self._client.sparql(query)))
+            names = self._models(models)
+            if len(names) != 1:
+                raise KbError("a query reads one model: others are read by GRAPH :model { ... }")
+            found = self._client.sparql(query, model=names[0])
+            answer: dict[str, Any] = json.loads(sparql_json(found))
         return {**answer, "query": query}
 
     def subscribe(
@@ -313,8 +345,14 @@ class KB(AbstractContextManager["KB"]):
             number = f"evt_{md5(key.encode(), usedforsecurity=False).hexdigest()}"
             if (number, callback) in self._subscribed:
                 return number
+            numbers: list[int] = []
+            self._subscribed[number, callback] = numbers
 
             def report(event: Event) -> None:
+                if self._subscribed.get((number, callback)) is not numbers:
+                    return  # it has ended
+                if one_shot:
+                    self._end(self._subscribed.pop((number, callback), ()))
                 bindings = [dict(event.bindings)]
                 if event.what == "disappeared":
                     if gone is not None:
@@ -324,10 +362,16 @@ class KB(AbstractContextManager["KB"]):
                 else:
                     self.events.put((number, bindings))
 
-            self._subscribed[number, callback] = [
-                self._client.subscribe(listed, report, one_shot=one_shot, model=name)
-                for name in names
-            ]
+            try:
+                for name in names:
+                    each = self._client.subscribe(listed, report, one_shot=one_shot, model=name)
+                    numbers.append(each)
+            except Exception:
+                del self._subscribed[number, callback]
+                self._end(numbers)
+                raise
+            if self._subscribed.get((number, callback)) is not numbers:
+                self._end(numbers)  # it was reported before the last model was followed
         return number
 
     def _models(self, models: Models) -> list[str | None]:
@@ -403,14 +447,6 @@ class KB(AbstractContextManager["KB"]):
                     return "class"
         return "undecided"
 
-    def _labels(self, term: str, models: Models) -> dict[str, str]:
-        labels: dict[str, str] = {}
-        with _errors(), self._client.view() as view:
-            resource = self._client.resource(view, term)
-            for triple in self._triples(view, models, (resource, rdflib.RDFS.label, None)):
-                labels[getattr(triple[2], "language", None) or "default"] = str(triple[2])
-        return {"default": labels.get("en", term)} | labels
-
 
 def _at(place: int, term: Term) -> tuple[Any, Any, Any]:
     """Return the pattern of triples that have a term at a place."""
@@ -453,3 +489,7 @@ def _errors() -> Iterator[None]:
         yield
     except (ValueError, LookupError, WorldError) as error:
         raise KbError(str(error)) from error
+    except psycopg.Error as error:
+        raise KbError(refusal_text(error)) from error
+    except DBAPIError as error:
+        raise KbError(str(error.orig)) from error

@@ -47,6 +47,7 @@ class MapView:
     # what was asked, of SQL and of fields
     statements: list[Explained] = field(default_factory=list)
     chosen: Chosen | None = None  # the graphs that a text chooses to read
+    tbox: bool = True  # whether triples of variables alone match the T-Box
     notes: list[str] = field(default_factory=list)  # what the answers say nothing of
     plans: bool = False  # whether the plan of each statement is read, too
     # subjects and objects of facts that were changed
@@ -81,7 +82,7 @@ class MapView:
 
     def graph(self, constants: Constants) -> MapGraph:
         """Return what patterns are matched with, apart from chosen graphs and fields."""
-        return MapGraph(constants, self.namespace, self.number, self.inferred)
+        return MapGraph(constants, self.namespace, self.number, self.inferred, tbox=self.tbox)
 
     def constants(self, *trees: Any) -> Constants:
         """Return what the IRIs of parts of the algebra stand for."""
@@ -108,7 +109,8 @@ class MapView:
         basis = basis or self.basis(algebra, kept)
         constants = basis.constants
         columns = tuple(names)
-        key = (columns, limit, self.number, self.name, self.chosen, self.inferred, constants.key)
+        seen = (self.chosen, self.inferred, self.tbox)
+        key = (columns, limit, self.number, self.name, *seen, constants.key)
         if key not in kept:
             if len(kept) > _KEPT:
                 kept.clear()

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from itertools import count
 from typing import Any, NamedTuple
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 import rdflib
 from rdflib.paths import Path
@@ -17,6 +17,7 @@ from semmap.language.error import QueryError
 from semmap.language.parser import parse_sparql
 
 _BARE = re.compile(r"[^\W\d](?:[\w.%-]*[\w%-])?")
+_ESCAPES = re.compile("(?:%[89A-F][0-9A-F])+")  # of other than ASCII
 _NAMELESS = "__"
 _COUNT = count()  # variables that ``*`` stands for: each is another one
 _LITERALS = frozenset({"true", "false"})
@@ -108,6 +109,12 @@ def query_text(
     return f"{form} {{ {body} }}"
 
 
+def _letters(escapes: re.Match[str]) -> str:
+    """Return the letters of escapes, where a bare word may have them."""
+    text = unquote(escapes[0])
+    return text if re.fullmatch(r"\w+", text) else escapes[0]
+
+
 def name_of(term: Any, map_name: str) -> Any:
     """Return a term as it is written in a statement; a literal as a value of Python."""
     if isinstance(term, rdflib.Literal):
@@ -116,5 +123,5 @@ def name_of(term: Any, map_name: str) -> Any:
         return None if term is None else term.n3()
     for space in (map_namespace(map_name), KNOWLEDGE_CORE[0], SEMMAP):
         if term.startswith(space):
-            return str(term)[len(space) :]
+            return _ESCAPES.sub(_letters, str(term)[len(space) :])
     return short(str(term), prefixes(map_name))

@@ -55,25 +55,28 @@ def query(
     rows: int | None = None,
     inferred: bool = True,
     dataset: Chosen | None = None,
+    tbox: bool = True,
     plan: bool = False,
 ) -> Answer:
     """Answer a query on the map that a session sees, in SPARQL 1.1 or the notation of reMap.
 
     Limits are by default those of `semmap.limits`. Without `inferred`, inferences are not seen.
     With `plan`, the explanation has the server's plan after each statement, which runs twice.
-    `dataset` has the graphs to read in place of those of FROM and FROM NAMED. Raises QueryError,
-    with line and column; KnowledgeError beyond a limit; LookupError where no map is chosen.
+    `dataset` has the graphs to read in place of those of FROM and FROM NAMED. Without `tbox`,
+    triples of variables, and of types of variables, do not match the T-Box. Raises QueryError, with
+    line and column; KnowledgeError beyond a limit; LookupError where no map is chosen.
     """
     most = int(QUERY_ROWS.value if rows is None else rows)
     if most < 1:
         raise ValueError(f"rows is {rows}: give a number of at least 1")
     stop = _checked(seconds)
-    key = (text, most, inferred, dataset)
+    key = (text, most, inferred, dataset, tbox)
     known: Answer | None = None if plan else KEPT.ask(session, key, stop)
     if known is not None:
         return known
     with limited_view(session, stop) as view:
         view.plans = plan
+        view.tbox = tbox
         if not inferred:
             view.inferred = NOTHING_INFERRED
         parsed = view.parsed(text)

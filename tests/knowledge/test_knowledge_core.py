@@ -12,7 +12,8 @@ import pytest
 from sqlalchemy import Engine
 
 import semmap
-from semmap.knowledge import KB, KbError
+from semmap.database.engine import make_engine
+from semmap.knowledge import KB, KbError, KnowledgeClient
 from semmap.query.map_handle import MapHandle
 
 
@@ -46,7 +47,7 @@ def test_greetings(kb: KB) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", ["toto", "toto titi", "toto titi tutu tata", "a b 'c", 'a b "c\nd"']
+    "wrong", ["toto", "toto titi", "toto titi tutu tata", "a b 'c", "a b 'c'", 'a b "c\nd"']
 )
 def test_a_malformed_statement_is_an_error(kb: KB, wrong: str) -> None:
     with pytest.raises(KbError, match=r"toto|a b"):
@@ -209,8 +210,11 @@ def test_sparql(kb: KB) -> None:
             }
         }
     ]
+    kb.update(["myself age 41"], ["human1"])
+    (row,) = kb.sparql("SELECT * { ?who oro:age ?age }", ["human1"])["results"]["bindings"]
+    assert row["age"]["value"] == "41"
     with pytest.raises(KbError, match="GRAPH"):
-        kb.sparql("ASK {}", ["human1"])
+        kb.sparql("ASK {}", ["human1", "human2"])
     with pytest.raises(KbError, match=r"[Ss]yntax|expected"):
         kb.sparql("SELECT WHERE")
 
@@ -250,6 +254,121 @@ def test_events_of_ground_and_joined_patterns_once(kb: KB) -> None:
     kb += ["human1 looksAt book"]
     with pytest.raises(Empty):
         kb.events.get(timeout=0.5)
+
+
+def test_statements_about_what_the_map_does_not_have(kb: KB) -> None:
+    stated = ["alfred isIn garage", "alfred rdf:type Robot", 'alfred name "Alf"', "mug isIn sink"]
+    kb += [*stated, "alfred isOn sofa", "mug rel:beside alfred"]
+    assert kb["* isIn garage"] == [{"var1": "alfred"}]
+    assert unordered(kb["mug isIn *"]) == [{"var1": "kitchen"}, {"var1": "sink"}]
+    assert unordered(kb["?who isOn *", "?who rdf:type Robot"]) == [{"who": "alfred"}]
+    assert kb["* rel:beside alfred"] == [{"var1": "mug"}]
+    assert unordered(kb.about("alfred")) == [
+        ["alfred", "isIn", "garage"],
+        ["alfred", "isOn", "sofa"],
+        ["alfred", "name", "Alf"],
+        ["alfred", "rdf:type", "Robot"],
+        ["mug", "rel:beside", "alfred"],
+    ]
+    assert "alfred" not in {row["x"] for row in kb["?x semmap:kind ?kind"]}, "it is not an entity"
+    kb -= stated
+    assert kb["alfred ?is ?what"] == [{"is": "isOn", "what": "sofa"}]
+    assert kb["mug isIn *"] == [{"var1": "kitchen"}]
+    kb -= ["alfred isOn *", "mug rel:beside alfred"]
+    assert "alfred" not in kb
+
+
+def test_statements_about_what_the_map_gets_later(module_engine: Engine) -> None:
+    url = module_engine.url.render_as_string(hide_password=False)
+    with semmap.connect(url) as database, KB(database.create_map("later")) as kb:
+        kb += ["bob isIn garage", "bob likes tea"]
+        made = database.map("later")
+        made.add_room("garage", [(0, 0), (5, 0), (5, 5), (0, 5)], floor=0, ceiling=3)
+        made.add_agent("bob", type="robot", size=(0.5, 0.5, 1), pose=(1, 1, 0))
+        assert kb["bob isIn *", "bob likes ?what"] == [{"what": "tea"}]
+        assert kb["?who isIn garage"] == [{"who": "bob"}]
+        kb.clear()
+        assert kb["?who isIn garage"] == [{"who": "bob"}], "as the map has it"
+
+
+def test_all_statements_are_those_without_the_tbox(engine: Engine) -> None:
+    url = engine.url.render_as_string(hide_password=False)
+    with semmap.connect(url) as database, KB(database.create_map("empty")) as kb:
+        assert kb["* * *"] == kb["* rdf:type *"] == kb["?a ?b ?c", "?a ?d ?e"] == []
+        assert "* * *" not in kb
+        kb += ["alfred rdf:type Robot", "Robot rdfs:subClassOf Toy", "alfred isIn garage"]
+        every = [
+            {"var1": "Robot", "var2": "rdfs:subClassOf", "var3": "Toy"},
+            {"var1": "alfred", "var2": "isIn", "var3": "garage"},
+            {"var1": "alfred", "var2": "rdf:type", "var3": "Robot"},
+        ]
+        assert unordered(kb["* * *"]) == every
+        assert kb["* rdf:type *"] == [{"var1": "alfred", "var2": "Robot"}]
+        assert kb["?who rdf:type ?kind", "?kind rdfs:subClassOf Agent"] == [
+            {"who": "alfred", "kind": "Robot"}
+        ]
+        assert {"x": "Mug"} in kb["?x rdf:type owl:Class"], "a class is asked for"
+        everything = kb.sparql("SELECT * { ?s ?p ?o }")["results"]["bindings"]
+        assert len(everything) > 1000, "SPARQL has the T-Box"
+
+
+def test_letters_of_names(kb: KB) -> None:
+    kb += ["José likes café", "tasse%20β likes x100%25", "x%E2%82%AC likes tea"]
+    assert unordered(kb["?who likes ?what"]) == [
+        {"who": "José", "what": "café"},
+        {"who": "tasse%20β", "what": "x100%25"},
+        {"who": "x%E2%82%AC", "what": "tea"},
+    ]
+    for row in kb["?who likes ?what"]:
+        assert f"{row['who']} likes {row['what']}" in kb
+
+
+def test_what_ends_and_begins_at_once_is_an_event(kb: KB) -> None:
+    number = kb.subscribe("?o isNear room")
+    for _ in range(20):
+        kb += ["alfred isNear room"]
+        kb -= ["alfred isNear room"]
+    for _ in range(20):
+        assert kb.events.get(timeout=5) == (number, [{"o": "alfred"}])
+    assert kb.events.empty()
+
+
+def test_a_role_that_only_reads_gets_an_error(lab: Engine) -> None:
+    reader = make_engine(lab.url.update_query_dict({"options": "-crole=semmap_reader"}))
+    with KB(MapHandle(reader, "lab")) as kb:
+        for change in (lambda: kb.update(["a b c"]), kb.clear):
+            with pytest.raises(KbError, match="permission denied"):
+                change()
+    reader.dispose()
+
+
+def test_a_subscription_for_once_is_made_again(kb: KB) -> None:
+    for name in ("joe", "jim"):
+        number = kb.subscribe("?who rdf:type Wizard", one_shot=True, models=["default", "human1"])
+        kb.update([f"{name} rdf:type Wizard"], ["default", "human1"])
+        assert kb.events.get(timeout=5) == (number, [{"who": name}])
+        kb += [f"{name}2 rdf:type Wizard"]
+        with pytest.raises(Empty):
+            kb.events.get(timeout=0.5)
+
+
+def test_a_change_of_several_models_is_made_as_a_whole(kb: KB) -> None:
+    with pytest.raises(KbError, match="lifespan"):  # of a fact in a table of the map
+        kb.update(["mug heldBy kitchen"], ["human1", "default"], lifespan=10)
+    assert kb.find(["mug heldBy ?where"], models=["human1"]) == []
+    kb.update(["mug heldBy kitchen"], ["human1"], lifespan=10)
+    assert kb.find(["mug heldBy ?where"], models=["human1"]) == [{"where": "kitchen"}]
+
+
+def test_clients_that_share_a_connection_have_subscriptions_of_their_own(lab: Engine) -> None:
+    with KnowledgeClient(MapHandle(lab, "lab")) as client, KB(client) as one, KB(client) as other:
+        number = one.subscribe("?o isNear room")
+        assert other.subscribe("?o isNear room") == number
+        other.close()
+        one.update(["alfred isNear room"])
+        assert one.events.get(timeout=5) == (number, [{"o": "alfred"}])
+        assert other.events.empty()
+        one.clear()
 
 
 def test_a_file_is_loaded_into_a_model(kb: KB, tmp_path: Path) -> None:

@@ -55,6 +55,7 @@ class MapGraph:
     inferred: Inferred = NOTHING_INFERRED  # the inferences that patterns match, too
     chosen: Chosen | None = None  # the graphs to read; None for the map and all graphs
     fields: FieldRows | None = None  # answers what fields state
+    tbox: bool = True  # whether triples of variables alone match the T-Box
 
 
 @dataclass(frozen=True)

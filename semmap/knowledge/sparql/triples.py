@@ -62,6 +62,9 @@ class TriplePatterns(PropertyPaths):
             text = self.constants.property(str(predicate))
             verb = Value("iri", self._bind(text), None, (text, "I"))
         fits = [m for m in self._maps(verb, scope) if self._fits(subject, verb, object_, m, scope)]
+        named = isinstance(verb, Value) and verb.constant != (_RDF_TYPE, "I")
+        if not (self._tbox or named or isinstance(subject, Value) or isinstance(object_, Value)):
+            fits = [each for each in fits if each.subject.form != "type"]
         return MatchedPattern(subject, verb, object_, fits)
 
     def _end(self, predicate: Any, object_: Any) -> Part:

@@ -8,13 +8,14 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Engine
 
+from semmap.database.notifications import SERVER_AWAY
 from semmap.garbage import no_garbage_collection
 from semmap.knowledge.answer import plain_value
 from semmap.knowledge.map_view import MapView
@@ -150,6 +151,14 @@ class Subscriptions(AbstractContextManager["Subscriptions"]):
             if not numbers:
                 del self._numbers[subscriber.query]
                 self._queries.remove(subscriber.query)
+
+    def catch_up(self) -> None:
+        """Find the events of the last change now, so that the next one cannot undo them unseen."""
+        with suppress(*SERVER_AWAY), self._lock:
+            if self._subscribers and not self._stop.is_set():
+                with self._look() as look:
+                    _, due = self._catch_up(look)
+                self._take_in(look, due)
 
     def events(self, timeout: float | None = None) -> Iterator[Event]:
         """Yield the events of subscriptions without a callback; raises what a query failed with."""

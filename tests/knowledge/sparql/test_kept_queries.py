@@ -42,7 +42,7 @@ def attic(loft_map: Map) -> Iterator[Map]:
 
 def again(session: psycopg.Connection, text: str) -> Answer | None:
     """Return the kept query's answer; None if it has to be translated again."""
-    found: Answer | None = queries.KEPT.ask(session, (text, QUERY_ROWS.value, True, None), 60)
+    found: Answer | None = queries.KEPT.ask(session, (text, QUERY_ROWS.value, True, None, True), 60)
     return found
 
 
