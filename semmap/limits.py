@@ -136,6 +136,12 @@ REQUEST_BYTES = Limit(
 REQUEST_SECONDS = Limit(
     "request_seconds", 60, "s", "until a request of more than 1 MiB to that service has its end"
 )
+MESSAGE_BYTES = Limit(
+    "message_bytes", 4 * 2**20, "bytes", "a message to a server of KnowledgeCore's protocol"
+)
+MESSAGE_SECONDS = Limit(
+    "message_seconds", 20, "s", "until such a message has its end, and until its answer is taken"
+)
 BUNDLE_AHEAD = Limit(
     "bundle_ahead", 86_400, "s", "the time of a bundle of manipulation knowledge, after the clock"
 )

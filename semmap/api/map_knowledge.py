@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.checked import Positive
+from semmap.api.live_events import timer
 from semmap.api.map_reasoning import MapReasoning
 from semmap.whole_file import write_whole
 
@@ -242,6 +243,43 @@ class MapKnowledge(MapReasoning):
             follower = FieldPush(self.engine, self.name, pushed, perspectives=perspectives)
             follower.follow(service.replies(), threading.Event())
 
+    def serve_knowledge(
+        self,
+        host: str = "127.0.0.1",
+        port: int = 6969,
+        *,
+        files: str | Path | None = None,
+        seconds: Positive | None = None,
+        stop: threading.Event | None = None,
+        started: Callable[[str, int], Any] = lambda host, port: None,
+    ) -> None:
+        """Answer pykb and other clients of KnowledgeCore by its network protocol, while this runs.
+
+        Whoever reaches the port acts with the rights of the database role of this process.
+
+        Parameters
+        ----------
+        host : where to listen; by default, this machine alone reaches it
+        port : where to listen; 0 chooses a free port
+        files : a folder of RDF files that clients may have loaded; by default, none
+        seconds : end after this time; by default when `stop` is set
+        started : called with the host and the port when it answers
+
+        Raises
+        ------
+        ValueError
+            The address cannot be used.
+        """
+        from semmap.knowledge.knowledge_core_server import serving
+
+        stop = stop or threading.Event()
+        ending = timer(seconds, stop.set)
+        try:
+            with serving(self, host, port, None if files is None else Path(files)) as chosen:
+                started(host, chosen)
+                stop.wait()
+        finally:
+            ending.cancel()
 
 def _refuse_unreasoned(session: Session, inferences: bool) -> None:
     from semmap.knowledge.map_view import MapView

@@ -214,6 +214,7 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.export_r2rml", "rdf mapping", "reader"),
     Operation("Map.import_rdf", "rdf import", "robot"),
     Operation("Map.push_fields", "rdf push", "robot"),
+    Operation("Map.serve_knowledge", "knowledge serve", "robot"),
     Operation("Map.reason", "knowledge reason", "robot"),
     Operation("Map.keep_reasoning", "knowledge reason", "robot"),
     Operation("Map.forget_inferences", "knowledge reason", "robot"),

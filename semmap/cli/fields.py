@@ -13,11 +13,10 @@ from typer import Argument, Option
 from semmap.cli.operation_command import MethodCall, command_of, group, printed
 from semmap.cli.options import Json
 from semmap.cli.output import show_rows
+from semmap.cli.signals import stop_on_signals
 from semmap.cli.texts import json_value, numbers
 
 if TYPE_CHECKING:
-    import threading
-
     from semmap.api.spatial_fields import SpaceAnswer
 
 TextFile = Option(None, "--file", "-f", help="Read the text from a file.")
@@ -143,20 +142,11 @@ def _serve(call: MethodCall) -> None:
     stop = threading.Event()
 
     def started(name: str, path: Path, names: list[str]) -> None:
-        _stop_on_signals(stop)
+        stop_on_signals(stop)
         running = ", ".join(names) or "none yet"
         print(f"serving {name} on {path}; sources: {running}; Ctrl-C stops", flush=True)
 
     call(stop=stop, started=started)
-
-
-def _stop_on_signals(stop: threading.Event) -> None:
-    import signal
-    import threading
-
-    if threading.current_thread() is threading.main_thread():
-        for each in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(each, lambda *_: stop.set())
 
 
 @command_of("SpatialFields.send", percepts=None, voxel_size=None)

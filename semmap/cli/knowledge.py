@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +15,7 @@ from typer import Argument, Option
 from semmap.cli.operation_command import MethodCall, command_of, group
 from semmap.cli.options import Json
 from semmap.cli.output import StageBars, print_json, show_rows, show_table
+from semmap.cli.signals import stop_on_signals
 
 # rdflib and SQLAlchemy are slow to import: the functions below import what they use.
 if TYPE_CHECKING:
@@ -267,5 +269,20 @@ def _bind(
         print(f"binding shapes: {', '.join(names) or 'none'}")
 
 
+@command_of("Map.serve_knowledge")
+def _serve(call: MethodCall) -> None:
+    """Serve the map by KnowledgeCore's protocol, to pykb and other clients; Ctrl-C stops.
+
+    Clients act with the rights of the database role of this command: the protocol has no password.
+    """
+    stop = threading.Event()
+
+    def started(host: str, port: int) -> None:
+        stop_on_signals(stop)
+        print(f"serving {call.handle.name} on {host}:{port}; Ctrl-C stops", flush=True)
+
+    call(stop=stop, started=started)
+
+
 rdf_command = group(_export, _mapping, _import, _push)
-knowledge_command = group(_reason, _contradictions, _why, _validate, _bind)
+knowledge_command = group(_reason, _contradictions, _why, _validate, _bind, _serve)

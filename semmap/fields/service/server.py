@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 import socketserver
 import threading
 import time
@@ -12,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from semmap.bounded_threads import BoundedThreads
 from semmap.limits import REQUEST_BYTES, REQUEST_SECONDS
 
 SHORT = 2**20
@@ -19,11 +19,6 @@ SHORT = 2**20
 
 FIRST_SECONDS = 5.0
 """Seconds that a connection has for its first request."""
-
-MOST_CONNECTIONS = 256
-"""The most connections, or a quarter of the files that the process may open."""
-
-_BUSY = b'{"error": "the service has too many connections: try again"}\n'
 
 Answer = Callable[[dict[str, Any]], Iterator[Any]]
 """Yields the replies to a request; mostly one."""
@@ -70,32 +65,13 @@ class _Handler(socketserver.StreamRequestHandler):
             yield {"error": str(text) or type(error).__name__}
 
 
-class _Server(socketserver.ThreadingUnixStreamServer):
-    daemon_threads = True
-    block_on_close = False
+class _Server(BoundedThreads, socketserver.UnixStreamServer):
+    busy = b'{"error": "the service has too many connections: try again"}\n'
 
     def __init__(self, path: str, answer: Answer) -> None:
         self.answer = answer
         self.one_long_request = threading.Lock()
-        files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]  # -1: unlimited
-        self._free = threading.Semaphore(min(MOST_CONNECTIONS, files % 2**63 // 4))
         super().__init__(path, _Handler)
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer a connection in a thread of its own, or refuse one too many."""
-        if self._free.acquire(blocking=False):
-            super().process_request(request, client_address)
-            return
-        with suppress(OSError):
-            request.sendall(_BUSY)
-        self.shutdown_request(request)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer a connection until it ends."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._free.release()
 
 
 @contextmanager
