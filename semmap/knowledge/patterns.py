@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import count
 from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
@@ -15,8 +15,11 @@ from semmap.knowledge.queries import KnowledgeError, plain
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, map_namespace, prefixes, short
 from semmap.language.error import QueryError
 from semmap.language.parser import parse_sparql
+from semmap.language.terms import Variable
 
 _BARE = re.compile(r"[^\W\d](?:[\w.%-]*[\w%-])?")
+_VARIABLE = re.compile(r"\?[A-Za-z_]\w*", re.ASCII)
+_LOCAL = re.compile(r"[A-Za-z_](?:[\w-]|%[0-9A-F]{2})*", re.ASCII)
 _ESCAPES = re.compile("(?:%[89A-F][0-9A-F])+")  # of other than ASCII
 _NAMELESS = "__"
 _COUNT = count()  # variables that ``*`` stands for: each is another one
@@ -64,17 +67,17 @@ def parse_pattern(statement: str, map_name: str) -> ClientPattern:
     both = verb in _ABOUT_VOCABULARY
     of_class = both or verb == "rdf:type"
     of_term = both or (verb == "rdf:type" and object_.startswith("owl:"))
-    triple = " ".join(
-        (
-            _word(subject, "oro" if of_term else ""),
-            _word(verb, "oro"),
-            _word(object_, "oro" if of_class else ""),
-        )
+    words = (
+        _word(subject, "oro" if of_term else ""),
+        _word(verb, "oro"),
+        _word(object_, "oro" if of_class else ""),
     )
+    known = prefixes(map_name)
+    terms = [_name(word, known) for word in words]
+    if None not in terms:
+        return ClientPattern(*terms)  # many are of names alone, and parsing takes long
     try:
-        parsed = parse_sparql(
-            f"SELECT * {{ {triple}\n}}", "query", tuple(prefixes(map_name).items())
-        )
+        parsed = parse_sparql(f"SELECT * {{ {' '.join(words)}\n}}", "query", tuple(known.items()))
     except QueryError as error:
         raise KnowledgeError(f"{statement!r}: {error.reason}: write a string in quotes") from error
     if parsed.triple is None:
@@ -89,6 +92,16 @@ def _word(word: str, prefix: str) -> str:
     if word in _LITERALS or not _BARE.fullmatch(word):
         return word
     return f"{prefix}:{quote(word, safe='%')}"
+
+
+def _name(word: str, known: Mapping[str, str]) -> rdflib.URIRef | rdflib.Variable | None:
+    """Return the term of a variable, or of a name with a prefix; None where it is to be parsed."""
+    if _VARIABLE.fullmatch(word):
+        return Variable(word[1:])
+    prefix, _, local = word.partition(":")
+    if prefix in known and _LOCAL.fullmatch(local):
+        return rdflib.URIRef(known[prefix] + local)
+    return None
 
 
 def variables(patterns: Iterable[ClientPattern]) -> list[str]:

@@ -14,6 +14,7 @@ from sqlalchemy import Engine
 import semmap
 from semmap.database.engine import make_engine
 from semmap.knowledge import KB, KbError, KnowledgeClient
+from semmap.knowledge.patterns import parse_pattern
 from semmap.query.map_handle import MapHandle
 
 
@@ -310,6 +311,16 @@ def test_all_statements_are_those_without_the_tbox(engine: Engine) -> None:
         assert {"x": "Mug"} in kb["?x rdf:type owl:Class"], "a class is asked for"
         everything = kb.sparql("SELECT * { ?s ?p ?o }")["results"]["bindings"]
         assert len(everything) > 1000, "SPARQL has the T-Box"
+
+
+@pytest.mark.parametrize("name", ["human1", "cup%201", "_x-1", "tasse%CE%B2", "a.b"])
+@pytest.mark.parametrize("statement", ["{} likes ?x_1", "?a {} b", "?a a {}", "{} rdfs:label 5"])
+def test_names_are_as_their_iris_are_parsed(name: str, statement: str) -> None:
+    spaces = {"{}": "urn:semmap:map:lab#", "?a": "http://kb.openrobots.org#"}
+    written = f"<{spaces[statement.split()[0]]}{name}>"
+    parsed = parse_pattern(statement.format(name), "lab")
+    assert parsed == parse_pattern(statement.format(written), "lab")
+    assert [*map(type, parsed)] == [*map(type, parse_pattern(statement.format(written), "lab"))]
 
 
 def test_letters_of_names(kb: KB) -> None:
