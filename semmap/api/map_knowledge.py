@@ -281,6 +281,7 @@ class MapKnowledge(MapReasoning):
         finally:
             ending.cancel()
 
+
 def _refuse_unreasoned(session: Session, inferences: bool) -> None:
     from semmap.knowledge.map_view import MapView
     from semmap.knowledge.reasoning.runs import is_reasoned

@@ -45,7 +45,9 @@ class Requests(threading.Thread):
         """Send the requests in turn."""
         rights = {"Authorization": f"Bearer {TOKEN}"}
         draw, number = Random(2), 0
-        with httpx.Client(base_url=self._url, timeout=60) as http:
+        # A connection for each: the server may close one that is kept while a request is under way.
+        alone = httpx.Limits(max_keepalive_connections=0)
+        with httpx.Client(base_url=self._url, timeout=60, limits=alone) as http:
 
             def move(**options: dict[str, str]) -> httpx.Response:
                 x, y, z = self._at
@@ -68,7 +70,11 @@ class Requests(threading.Thread):
             while not self._end.wait(EVERY):
                 number += 1
                 expected, send = turns[number % len(turns)]
-                answer = send()
+                try:
+                    answer = send()
+                except httpx.HTTPError as error:
+                    self.wrong.append(f"request {number}: {error!r}")
+                    continue
                 self.answers[answer.status_code] += 1
                 if answer.status_code != expected:
                     self.wrong.append(f"{answer.url}: {answer.status_code}: {answer.text[:200]}")
