@@ -3,7 +3,7 @@
 ``python -m benchmarks.conformance FOLDER`` runs all tests below a folder with manifests, such as
 ``test/DAWG/data-sparql11`` in the source distribution of rdflib 6.0.0: the evaluation tests, the
 texts to read and to refuse, the protocol and the graph store. It prints how many pass and why the
-others fail.
+others fail, in Markdown: docs/conformance.md has it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,6 @@ import rdflib
 import rdflib.plugins.sparql
 from rdflib.compare import isomorphic
 from rdflib.namespace import RDF, RDFS
-from rich.console import Console
-from rich.table import Table
 
 import semmap
 from benchmarks.conformance_failures import why
@@ -37,7 +35,8 @@ from benchmarks.conformance_graph_store import STEPS, failed_steps
 from benchmarks.conformance_manifest import MF, entries, file_of
 from benchmarks.conformance_protocol import CHECKS, protocol_client, protocol_tests
 from benchmarks.conformance_syntax import READERS, SyntaxCase, is_read, syntax_cases
-from benchmarks.geosparql import requirements_table, small_map
+from benchmarks.geosparql import CLASSES, classes, small_map
+from benchmarks.markdown import print_table
 from semmap import Database
 from semmap.database import Cluster
 from semmap.knowledge.facts import SKOLEM, Fact, FactWriter
@@ -410,9 +409,8 @@ def main(folder: Path) -> int:
     rdflib.plugins.sparql.SPARQL_LOAD_GRAPHS = False
     tests = [case for case in cases(folder) if case.group != "service"]
     failures: dict[str, dict[str, str]] = {engine: {} for engine in ENGINES}
-    console = Console(width=140)
     with scratch() as database:
-        console.print(requirements_table(small_map(database)))
+        print_table("GeoSPARQL 1.1", CLASSES, classes(small_map(database)))
         session = empty_map(database)
         engines = (lambda case: by_semmap(case, session), by_rdflib, by_oxigraph)
         for case in tests:
@@ -423,8 +421,8 @@ def main(folder: Path) -> int:
         with protocol_client(database, "empty") as client:
             refused = [f"protocol/{name}" for name in requests if not CHECKS[name](client)]
             not_stored = [f"graph-store/{name}" for name in failed_steps(client)]
-    console.print(_passes("SPARQL 1.1: tests passed", tests, failures))
-    console.print(_failures("What the map fails", failures))
+    _print_passes("SPARQL 1.1: tests passed", tests, failures)
+    _print_failures("What the map fails", failures)
     texts = list(syntax_cases(folder))
     wrong = {
         name: {case.key: reason for case in texts if (reason := is_read(case, reader))}
@@ -432,50 +430,45 @@ def main(folder: Path) -> int:
     }
     for kind, is_sparql in (("to read", True), ("to refuse", False)):
         of_kind = [case for case in texts if case.is_sparql == is_sparql]
-        console.print(_passes(f"SPARQL 1.1: texts {kind}", of_kind, wrong))
-    console.print(_failures("What is refused, or read, on purpose", wrong))
-    console.print(_protocol("protocol", len(requests), refused))
-    console.print(_protocol("graph store", len({step.test for step in STEPS}), not_stored))
+        _print_passes(f"SPARQL 1.1: texts {kind}", of_kind, wrong)
+    _print_failures("What is refused, or read, on purpose", wrong)
+    _print_protocol("protocol", len(requests), refused)
+    _print_protocol("graph store", len({step.test for step in STEPS}), not_stored)
     unmet = (*failures["semmap"], *wrong["semmap"], *refused, *not_stored)
     return sum(why(key) is None for key in unmet)
 
 
-def _passes(
+def _print_passes(
     title: str, tests: Sequence[Case | SyntaxCase], failures: dict[str, dict[str, str]]
-) -> Table:
-    table = Table("group", "tests", *ENGINES, title=title)
-    keys = {case.key for case in tests}
-    failures = {
-        name: {k: v for k, v in found.items() if k in keys} for name, found in failures.items()
-    }
+) -> None:
     groups = Counter(case.group for case in tests)
-    for group, count in groups.items():
-        failed = [
-            sum(key.startswith(f"{group}/") for key in failures[engine]) for engine in ENGINES
-        ]
-        table.add_row(group, str(count), *(str(count - number) for number in failed))
-    table.add_section()
-    table.add_row("all", str(len(tests)), *(str(len(tests) - len(failures[e])) for e in ENGINES))
-    return table
+    keys = {case.key for case in tests}
+
+    def passed(count: int, of: str) -> list[int]:
+        failed = {e: sum(k in keys and k.startswith(of) for k in failures[e]) for e in ENGINES}
+        return [count - number for number in failed.values()]
+
+    rows = [[group, count, *passed(count, f"{group}/")] for group, count in groups.items()]
+    rows.append(["all", len(tests), *passed(len(tests), "")])
+    print_table(title, ("group", "tests", *ENGINES), rows)
 
 
-def _failures(title: str, failures: dict[str, dict[str, str]]) -> Table:
-    table = Table("tests", "why", "rdflib", title=title, show_lines=True)
+def _print_failures(title: str, failures: dict[str, dict[str, str]]) -> None:
     shown: dict[tuple[str, str], list[str]] = {}
     for key, reason in failures["semmap"].items():
         beside = "fails, too" if key in failures["rdflib"] else "passes"
-        shown.setdefault((why(key) or f"[red]not explained[/]: {reason}", beside), []).append(key)
+        shown.setdefault((why(key) or f"NOT EXPLAINED: {reason}", beside), []).append(key)
+    rows = []
     for (explanation, beside), keys in shown.items():
         more = f" and {len(keys) - 6} more" if len(keys) > 6 else ""
-        table.add_row(", ".join(keys[:6]) + more, explanation, beside)
-    return table
+        rows.append([", ".join(keys[:6]) + more, explanation, beside])
+    print_table(title, ("tests", "why", "rdflib"), rows)
 
 
-def _protocol(name: str, count: int, failed: list[str]) -> Table:
-    table = Table("test", "why", title=f"SPARQL 1.1 {name}: {count - len(failed)} of {count} pass")
-    for key in failed:
-        table.add_row(key, why(key) or "[red]not explained[/]")
-    return table
+def _print_protocol(name: str, count: int, failed: list[str]) -> None:
+    title = f"SPARQL 1.1 {name}: {count - len(failed)} of {count} pass"
+    rows = [[key, why(key) or "NOT EXPLAINED"] for key in failed]
+    print_table(title, ("test that fails", "why"), rows)
 
 
 if __name__ == "__main__":

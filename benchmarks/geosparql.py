@@ -6,16 +6,16 @@ A check is a query of ASK whose answer has to be yes, or two queries with the sa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import psycopg
-from rich.table import Table
 
 from semmap import Database
 from semmap.knowledge.mapping import TOPOLOGICAL
 from semmap.knowledge.queries import query
 
-__all__ = ["REQUIREMENTS", "Requirement", "failed", "requirements_table", "small_map"]
+__all__ = ["CLASSES", "REQUIREMENTS", "Requirement", "classes", "failed", "small_map"]
 
 SHAPE = "geo:hasDefaultGeometry/geo:asWKT"
 POINT = '"POINT(1 2)"^^geo:wktLiteral'
@@ -25,7 +25,10 @@ GML = (
     "^^geo:gmlLiteral"
 )
 GEOJSON = '\'{"type": "Point", "coordinates": [1, 2]}\'^^geo:geoJSONLiteral'
-NOT_GEOGRAPHIC = "a map has a metric frame of its own, without longitude and latitude"
+NO_COLLECTIONS = "a map has no collections; statements may use the class"
+CRS84 = "http://www.opengis.net/def/crs/OGC/1.3/CRS84"
+EAST_FIRST = f'"<{CRS84}> POINT(8 52)"^^geo:wktLiteral'
+NORTH_FIRST = '"<http://www.opengis.net/def/crs/EPSG/0/4326> POINT(52 8)"^^geo:wktLiteral'
 
 
 @dataclass(frozen=True)
@@ -112,9 +115,9 @@ REQUIREMENTS = (
     Requirement("core/feature-class", ("ASK { :cup a geo:Feature . :studio a geo:Feature }",)),
     Requirement(
         "core/spatial-object-collection-class",
-        missing="a map has no collections; statements may use the class",
+        missing=NO_COLLECTIONS,
     ),
-    Requirement("core/feature-collection-class", missing="as spatial-object-collection-class"),
+    Requirement("core/feature-collection-class", missing=NO_COLLECTIONS),
     Requirement(
         "core/spatial-object-properties",
         (
@@ -126,9 +129,7 @@ REQUIREMENTS = (
         "geometry-extension/geometry-class",
         ("ASK { :table geo:hasDefaultGeometry ?g . ?g a geo:Geometry, geo:SpatialObject }",),
     ),
-    Requirement(
-        "geometry-extension/geometry-collection-class", missing="as feature-collection-class"
-    ),
+    Requirement("geometry-extension/geometry-collection-class", missing=NO_COLLECTIONS),
     Requirement(
         "geometry-extension/feature-properties",
         tuple(
@@ -188,8 +189,17 @@ REQUIREMENTS = (
             "&& geof:maxZ('POINT Z (1 2 3)'^^geo:wktLiteral) = 3",
         ),
     ),
-    Requirement("geometry-extension/transform", missing=NOT_GEOGRAPHIC),
-    Requirement("geometry-extension/srid-function", ask(f"geof:getSRID({POINT}) = ''")),
+    Requirement(
+        "geometry-extension/transform",
+        ask(
+            f"geof:sfEquals(geof:transform({NORTH_FIRST}, <{CRS84}>), {EAST_FIRST})",
+            f"geof:getSRID(geof:transform({NORTH_FIRST}, <{CRS84}>)) = '{CRS84}'",
+        ),
+    ),
+    Requirement(
+        "geometry-extension/srid-function",
+        ask(f"geof:getSRID({POINT}) = ''", f"geof:getSRID({EAST_FIRST}) = '{CRS84}'"),
+    ),
     Requirement(
         "geometry-extension/sa-functions",
         (
@@ -206,7 +216,10 @@ REQUIREMENTS = (
         "geometry-extension/wkt-literal-default-srs",
         ask(f"geof:distance({POINT}, 'POINT(4 6)'^^geo:wktLiteral, uom:metre) = 5"),
     ),
-    Requirement("geometry-extension/wkt-axis-order", ask(f"geof:minX({POINT}) = 1")),
+    Requirement(
+        "geometry-extension/wkt-axis-order",
+        ask(f"geof:minX({POINT}) = 1", f"geof:minX({NORTH_FIRST}) = 8"),
+    ),
     Requirement("geometry-extension/wkt-literal-empty", ask("geof:isEmpty(''^^geo:wktLiteral)")),
     Requirement(
         "geometry-extension/geometry-as-wkt-literal",
@@ -241,7 +254,9 @@ REQUIREMENTS = (
         ask(f"geof:sfEquals(geof:asGeoJSON({SQUARE}), {SQUARE})"),
     ),
     *(
-        Requirement(f"geometry-extension/{name}", missing=NOT_GEOGRAPHIC)
+        Requirement(
+            f"geometry-extension/{name}", missing=f"{format_.upper()} is neither read nor written"
+        )
         for format_ in ("kml", "dggs")
         for name in (
             f"{format_}-literal",
@@ -311,12 +326,21 @@ def failed(session: psycopg.Connection[Any], requirement: Requirement) -> list[s
     return wrong
 
 
-def requirements_table(session: psycopg.Connection[Any]) -> Table:
-    """Return the table of requirements, with how many checks pass."""
-    table = Table("requirement", "checks", "passed", "", title="GeoSPARQL 1.1")
-    for requirement in REQUIREMENTS:
-        count = len(requirement.checks) + len(requirement.same)
-        wrong = failed(session, requirement)
-        note = f"[red]{'; '.join(wrong[:2])}" if wrong else requirement.missing
-        table.add_row(requirement.name, str(count or "-"), str(count - len(wrong) or "-"), note)
-    return table
+CLASSES = ("conformance class", "requirements", "met", "checks", "not met")
+"""The columns of `classes`."""
+
+
+def classes(session: psycopg.Connection[Any]) -> list[list[Any]]:
+    """Return a row for each conformance class."""
+    rows = []
+    for name, group in groupby(REQUIREMENTS, lambda each: each.name.partition("/")[0]):
+        of_class = list(group)
+        unmet: dict[str, list[str]] = {}
+        for each in of_class:
+            if reason := "; ".join(failed(session, each)) or each.missing:
+                unmet.setdefault(reason, []).append(each.name.partition("/")[2])
+        missing = sum(map(len, unmet.values()))
+        checks = sum(len(each.checks) + len(each.same) for each in of_class)
+        why = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in unmet.items())
+        rows.append([name, len(of_class), len(of_class) - missing, checks, why or "-"])
+    return rows
