@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import gzip
 from collections.abc import Iterator
+from pathlib import Path
 from urllib.parse import quote, unquote
 
 import httpx
+import pyhornedowl
 import pyoxigraph
 import pytest
 import rdflib
+from pyhornedowl.model import ClassAssertion, SubClassOf
 from rdflib.compare import isomorphic
 from rdflib.namespace import RDF, VOID
 from rdflib.plugins.stores.sparqlstore import SPARQLUpdateStore
+from SPARQLWrapper import JSON, POST, SPARQLWrapper
 
 from semmap import Map
 from semmap.server.service_description import FORMAT, SD
@@ -255,3 +259,47 @@ def test_oxigraph_asks_it_as_a_service(client: httpx.Client) -> None:
         "{ ?s <urn:semmap:ontology#name> ?n } }"
     )
     assert [(row["n"].value, row["who"].value) for row in found] == [("sofa", "ann")]
+
+
+@pytest.mark.filterwarnings("ignore:ConjunctiveGraph")  # which SPARQLWrapper makes
+def test_sparqlwrapper_asks_and_changes(client: httpx.Client) -> None:
+    def asked(text: str, address: str = "sparql") -> SPARQLWrapper:
+        wrapper = SPARQLWrapper(f"{client.base_url}{address}")
+        wrapper.addCustomHttpHeader("Authorization", bearer(ADMIN)["Authorization"])
+        wrapper.setQuery(text)
+        return wrapper
+
+    def told(verb: str) -> None:
+        change = asked(f"{verb} DATA {{ <{SOFA}> rdfs:comment 'broad' }}", "update")
+        change.setMethod(POST)
+        change.query()
+
+    told("INSERT")
+    select = asked(f"SELECT ?c {{ <{SOFA}> rdfs:comment ?c }}")
+    select.setReturnFormat(JSON)
+    (row,) = select.queryAndConvert()["results"]["bindings"]
+    assert row["c"]["value"] == "broad"
+    # by default a graph is asked for as RDF/XML
+    graph = asked("CONSTRUCT { ?s rdfs:comment ?c } WHERE { ?s rdfs:comment ?c }")
+    assert (SOFA, rdflib.RDFS.comment, rdflib.Literal("broad")) in graph.queryAndConvert()
+    told("DELETE")
+    select.setQuery(f"ASK {{ <{SOFA}> rdfs:comment 'broad' }}")
+    assert select.queryAndConvert()["boolean"] is False
+
+
+def test_an_owl_reader_reads_an_export(loft_map: Map, tmp_path: Path) -> None:
+    """Horned-OWL reads RDF as the OWL API does, which Protégé is made with."""
+    path = tmp_path / "loft.owl"
+    loft_map.export_rdf(path)
+    ontology = pyhornedowl.open_ontology_from_file(str(path), "rdf")
+    found: dict[str, set[tuple[str, str]]] = {}
+    for component in (each.component for each in ontology.get_components()):
+        if isinstance(component, SubClassOf):
+            found.setdefault("sub", set()).add((str(component.sub), str(component.sup)))
+        elif isinstance(component, ClassAssertion):
+            found.setdefault("is", set()).add((str(component.i), str(component.ce)))
+    for kind, text in (
+        ("sub", "SELECT ?a ?b { ?a rdfs:subClassOf ?b }"),
+        ("is", "SELECT ?a ?b { ?a a ?b FILTER(?b != owl:Class) }"),
+    ):
+        assert found[kind] == {(str(a), str(b)) for a, b in loft_map.sparql(text).rows}
