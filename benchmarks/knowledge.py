@@ -96,9 +96,9 @@ QUESTIONS = (
     Question(
         "tables within 3 m of a point",
         f"SELECT ?x {{ ?x a semmap:Table ; {SHAPE} ?w FILTER(geof:distance("
-        '?w, "POINT(52 13)"^^geo:wktLiteral, uom:metre) < 3) }',
+        '?w, "POINT(52 8)"^^geo:wktLiteral, uom:metre) < 3) }',
         f"{BY_HAND} AND w.map_id = (SELECT current_map()) AND w.footprint IS NOT NULL "
-        "AND ST_DWithin(w.footprint, 'POINT(52 13)'::geometry, 3) WHERE o.type = 'table'",
+        "AND ST_DWithin(w.footprint, 'POINT(52 8)'::geometry, 3) WHERE o.type = 'table'",
     ),
     Question(
         "tables that reach into tables of room 7",
