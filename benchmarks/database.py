@@ -14,6 +14,7 @@ from sqlalchemy import Engine, text
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.database import open_engine
+from semmap.ingest.ontology.type_store import load_tbox
 from semmap.query.entity_query import find
 from tests.seen import seen_by
 
@@ -34,6 +35,7 @@ def map_of(objects: int) -> Iterator[Engine]:
         print(f"making a map of {objects:,} objects (minutes) ...", flush=True)
         made = MILLION.format(name=name, objects=objects, rooms=objects // 100)
         with engine.begin() as connection:
+            load_tbox(connection)
             connection.connection.cursor().execute(made)
         with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
             connection.execute(text("VACUUM ANALYZE"))

@@ -19,6 +19,8 @@ from semmap.knowledge.sparql.geosparql import (
     GeoFunction,
     geometry_of,
     in_one_system,
+    literal_geometry,
+    on_plane,
     surface_comparison,
     within_distance,
 )
@@ -118,7 +120,7 @@ class Expressions:
             moment = python if python.tzinfo else python.replace(tzinfo=UTC)
             return Value("time", self.bind(moment, "timestamptz"))
         if tag == DATATYPES["geometry"]:
-            return Value("geometry", f"text_geometry({self.bind(text)}, {self.bind(tag)})")
+            return Value("geometry", literal_geometry(text, tag, self.bind))
         return Value("term", self.bind(text), self.bind(tag))
 
     def _text(self, value: Value) -> str:
@@ -497,6 +499,7 @@ class Expressions:
                 texts.append(value.sql)
             else:
                 texts.append(_OF_TEXTS[kind].format(self._text(value)))
+        sql = on_plane(sql, texts)
         if function.arguments[:2] == ("geometry", "geometry") and "ground_measure" not in sql:
             texts[:2] = in_one_system(texts[0], texts[1], self.map_id)
         between = tuple(texts) if function is FUNCTIONS[f"{SEMMAP}distance"] else None

@@ -8,7 +8,8 @@ with a georeference relates its frame to them.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +43,12 @@ _DISTANCE = "ground_measure({0}, 'distance', {1}, {map})"
 _AREA, _LENGTH, _PERIMETER = (
     f"ground_measure({{0}}, '{what}')" for what in ("area", "length", "perimeter")
 )
+_ON_PLANE = {
+    _DISTANCE: "ST_Distance({0}, {1})",
+    _AREA: "ST_Area({0})",
+    _LENGTH: "ST_Length({0})",
+    _PERIMETER: "ST_Perimeter({0})",
+}
 _SYSTEM = "CASE WHEN text_geometry({0}) IS NOT NULL THEN coalesce(literal_system({0}), '') END"
 
 _TABLE: tuple[tuple[Any, ...], ...] = (
@@ -149,6 +156,9 @@ AGGREGATES: Mapping[str, str] = {
 }
 """The functions of `geof:` that make one geometry of those of a group."""
 
+_PLAIN = re.compile(r"\s*(MULTI)?(POINT|LINESTRING|POLYGON)\s*\([-+.,() \d]+\)\s*$", re.ASCII)
+"""WKT that PostGIS and GEOS read alike."""
+
 _TURNED = str.maketrans("<>", "><")
 _UOM, _QUDT = "http://www.opengis.net/def/uom/OGC/1.0/", "http://qudt.org/vocab/unit/"
 
@@ -224,11 +234,46 @@ def within_distance(
     return f"({ends[1]} && ST_Expand({placed}, {number(value(far))} * {factor!r}))"
 
 
+def literal_geometry(text: str, tag: str, bind: Callable[..., str]) -> str:
+    """Return the SQL of a WKT literal: a value, where it has points and lines of a plane only.
+
+    The function that reads others is called once, not for each row.
+    """
+    import shapely  # here, as it takes as long to load as a short command
+
+    if _PLAIN.match(text):
+        with suppress(shapely.GEOSException):
+            shape = shapely.from_wkt(text)
+            if shape.is_valid:  # of others, PostGIS refuses some
+                return bind(shapely.to_wkb(shape, hex=True), "geometry")
+    return f"(SELECT text_geometry({bind(text)}, {bind(tag)}))"
+
+
 def in_one_system(a: str, b: str, map_id: str) -> tuple[str, str]:
     """Return two geometries in one reference system; the index of footprints is still seen."""
-    if _is_footprint(b):
-        return a if _is_footprint(a) else f"in_map_frame({a}, {map_id})", b
-    return a, (f"in_map_frame({b}, {map_id})" if _is_footprint(a) else f"alike({b}, {a}, {map_id})")
+    if _is_in_frame(b):
+        return a if _is_in_frame(a) else _placed(a, map_id), b
+    return a, _placed(b, map_id) if _is_in_frame(a) else f"alike({b}, {a}, {map_id})"
+
+
+def on_plane(sql: str, arguments: Sequence[str]) -> str:
+    """Return the SQL of a function; measures of the plane where all is in the map's frame."""
+    shapes = [each for n, each in enumerate(arguments) if f"{{{n}}}" in sql]
+    if shapes and all(map(_is_in_frame, shapes)):
+        for on_ground, plain in _ON_PLANE.items():
+            sql = sql.replace(on_ground, plain)
+    return sql
+
+
+def _placed(sql: str, map_id: str) -> str:
+    """Return a geometry in the frame of a map; a literal is placed once, not for each row."""
+    placed = f"in_map_frame({sql}, {map_id})"
+    return f"(SELECT {placed})" if sql.startswith("(SELECT text_geometry(") else placed
+
+
+def _is_in_frame(sql: str) -> bool:
+    """Return whether a geometry is a footprint, or a value that names no reference system."""
+    return _is_footprint(sql) or re.fullmatch(r"%\(\w+\)s::geometry", sql) is not None
 
 
 def _is_footprint(sql: str) -> bool:

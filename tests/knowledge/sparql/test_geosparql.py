@@ -13,9 +13,10 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semmap.knowledge.mapping import TOPOLOGICAL
+from semmap.knowledge.mapping import DATATYPES, TOPOLOGICAL
 from semmap.knowledge.queries import query
-from semmap.knowledge.sparql.geosparql import FUNCTIONS
+from semmap.knowledge.sparql.geosparql import FUNCTIONS, literal_geometry
+from semmap.knowledge.sparql.values import Parameters
 
 Shape: TypeAlias = shapely.Geometry
 
@@ -240,3 +241,46 @@ def test_a_function_that_is_unknown_is_named(loft: psycopg.Connection) -> None:
     assert answer.rows == ((None,),)
     assert "there is no function geof:asKML" in answer.notes[0]
     assert query(loft, "SELECT (xsd:integer('1') AS ?x) {}").notes == ()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "POINT(1 2)",
+        " point ( 1.5 -2e3 )",
+        "POINT(1 2 3)",
+        "POINT(1 2 3 4)",
+        "POINT Z (1 2 3)",
+        "POINT M (1 2 3)",
+        "POINT EMPTY",
+        "POINT(1e400 0)",
+        "POINT(1)",
+        "POINT(1 2) x",
+        "POINT(1 2",
+        "MULTIPOINT(0 0, 1 1)",
+        "MULTIPOINT((0 0), (1 1))",
+        "LINESTRING(0 0)",
+        "LINESTRING(0 0, 1 1, 0 0)",
+        "LINESTRING(0 0, 1 1 1)",
+        "POLYGON((0 0, 1 0, 1 1, 0 0))",
+        "POLYGON((0 0, 1 0, 1 1))",
+        "POLYGON((0 0, 1 1, 0 0))",
+        "POLYGON((0 0, 4 0, 4 4, 0 0), (2 1, 3 1, 3 2, 2 1))",
+        "MULTIPOLYGON(((0 0, 1 0, 1 1, 0 0)))",
+        "MULTILINESTRING((0 0, 1 0), (2 2, 3 3))",
+        "GEOMETRYCOLLECTION(POINT(1 2))",
+        "CIRCULARSTRING(0 0, 1 1, 2 0)",
+        "TIN(((0 0 0, 1 0 0, 0 1 0, 0 0 0)))",
+        "<http://www.opengis.net/def/crs/EPSG/0/4326> POINT(52 8)",
+        "",
+        "no",
+    ],
+)
+def test_a_literal_of_a_query_is_read_as_a_stored_one(loft: psycopg.Connection, text: str) -> None:
+    tag = DATATYPES["geometry"]
+    values = Parameters()
+    sql = literal_geometry(text, tag, values.bind)
+    as_text = "SELECT ST_AsEWKT({})".format
+    found = loft.execute(as_text(sql).encode(), values.values).fetchone()
+    stored = as_text("text_geometry(%s::text, %s::text)").encode()
+    assert found == loft.execute(stored, [text, tag]).fetchone()
