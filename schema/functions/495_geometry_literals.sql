@@ -104,20 +104,29 @@ BEGIN ATOMIC
 SELECT CASE WHEN ST_SRID(geom) = 0 THEN ST_AsGeoJSON(geom) ELSE ST_AsGeoJSON(semmap.transformed(geom, 4326), 9, 2) END;
 END;
 
+CREATE FUNCTION is_metric(geom geometry)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- Whether coordinates are metres on a plane; null without a geometry.
+SELECT CASE WHEN geom IS NOT NULL THEN ST_SRID(geom) = 0 OR EXISTS (
+    SELECT FROM public.spatial_ref_sys s
+    WHERE s.srid = ST_SRID(geom) AND s.srtext LIKE 'PROJCS%' AND s.proj4text LIKE '%+units=m %') END;
+END;
+
 CREATE FUNCTION in_map_frame(geom geometry, of_map integer)
 RETURNS geometry LANGUAGE sql STABLE
 BEGIN ATOMIC
--- A geometry in the frame of a map; null for one in a reference system where the map has no georeference.
+-- A geometry in the frame of a map; null for one in a reference system where the map has no georeference in metres.
 SELECT CASE WHEN ST_SRID(geom) = 0 THEN geom ELSE (
-    SELECT ST_SetSRID(ST_Rotate(ST_Translate(semmap.transformed(geom, m.crs), -m.easting, -m.northing), -m.rotation), 0)
-    FROM semmap.map m WHERE m.id = of_map) END;
+    SELECT ST_SetSRID(ST_Rotate(ST_Translate(semmap.transformed(geom, m.crs), -m.easting, -m.northing, -m.height), -m.rotation), 0)
+    FROM semmap.map m WHERE m.id = of_map AND semmap.is_metric(ST_SetSRID('POINT EMPTY'::geometry, m.crs))) END;
 END;
 
 CREATE FUNCTION on_earth(geom geometry, of_map integer)
 RETURNS geometry LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
--- A geometry of the map's frame in WGS 84; null where the map has no georeference.
-SELECT ST_Transform(ST_SetSRID(ST_Translate(ST_Rotate(ST_Force2D(geom), m.rotation), m.easting, m.northing), m.crs), 4326)
-FROM semmap.map m WHERE m.id = of_map AND m.crs IS NOT NULL
+-- A geometry of the map's frame in WGS 84; null where the map has no georeference in metres.
+SELECT ST_Transform(ST_SetSRID(ST_Translate(ST_Rotate(geom, m.rotation), m.easting, m.northing, m.height), m.crs), 4326)
+FROM semmap.map m WHERE m.id = of_map AND semmap.is_metric(ST_SetSRID('POINT EMPTY'::geometry, m.crs))
 $$;
 
 CREATE FUNCTION alike(geom geometry, other geometry, of_map integer)
@@ -144,15 +153,6 @@ BEGIN ATOMIC
 SELECT CASE WHEN count(*) = count(each.geom) THEN ST_Collect(each.geom) END
 FROM (SELECT semmap.alike(p, first_value(p) OVER (ORDER BY n), of_map) AS geom
       FROM unnest(parts) WITH ORDINALITY u (p, n) WHERE p IS NOT NULL) each;
-END;
-
-CREATE FUNCTION is_metric(geom geometry)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
-BEGIN ATOMIC
--- Whether coordinates are metres on a plane; null without a geometry.
-SELECT CASE WHEN geom IS NOT NULL THEN ST_SRID(geom) = 0 OR EXISTS (
-    SELECT FROM public.spatial_ref_sys s
-    WHERE s.srid = ST_SRID(geom) AND s.srtext LIKE 'PROJCS%' AND s.proj4text LIKE '%+units=m %') END;
 END;
 
 CREATE FUNCTION ground_measure(geom geometry, what text, other geometry DEFAULT NULL, of_map integer DEFAULT NULL)

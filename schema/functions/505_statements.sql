@@ -71,15 +71,15 @@ END $$;
 CREATE FUNCTION loose_box(geom geometry)
 RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE
 BEGIN ATOMIC
--- A box around a transformed geometry: lines are curved there, so that it is larger by a part of its size.
-SELECT ST_Expand(ST_Envelope(geom), 0.01 * ST_Length(ST_BoundingDiagonal(geom)));
+-- A box in degrees around what the lines of a geometry are in other systems: curved, by the square of their length.
+SELECT ST_Expand(ST_Envelope(geom), 0.01 * size + 0.002 * size * size) FROM ST_Length(ST_BoundingDiagonal(geom)) size;
 END;
 
 CREATE FUNCTION stated_box(written text, tag text)
 RETURNS geometry LANGUAGE sql IMMUTABLE STRICT COST 5000 SET search_path = semmap, public, pg_temp AS $$
--- A box around the geometry of a term: in the map's frame, or in longitude and latitude.
-SELECT CASE WHEN ST_SRID(shape) IN (0, 4326) THEN ST_Envelope(shape)
-            ELSE semmap.loose_box(semmap.transformed(shape, 4326)) END
+-- A box around the geometry of a term: in the map's frame, or in longitude and latitude. It is kept as long as its index,
+-- which `semmap db upgrade` makes again: reference systems that are added later, or changed, are not in it.
+SELECT CASE WHEN ST_SRID(shape) = 0 THEN ST_Envelope(shape) ELSE semmap.loose_box(semmap.transformed(shape, 4326)) END
 FROM (SELECT semmap.stated_shape(written, tag) AS shape) s
 $$;
 
@@ -90,19 +90,20 @@ BEGIN ATOMIC
 SELECT semmap.loose_box(semmap.on_earth(footprint, of_map));
 END;
 
-CREATE FUNCTION names_system(written text)
-RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE
+CREATE FUNCTION is_on_earth(written text, tag text)
+RETURNS boolean LANGUAGE sql IMMUTABLE
 BEGIN ATOMIC
--- Whether a geometry literal may name a reference system.
-SELECT written ~ '^\s*<[^>]*>\s*[A-Za-z]|srsName|"crs"';
+-- Whether a geometry literal is in a reference system; not in the map's frame, which it may name. Most name none.
+SELECT CASE WHEN written ~ '^\s*<[^>]*>\s*[A-Za-z]|srsName|"crs"'
+            THEN coalesce(ST_SRID(semmap.text_geometry(written, tag)) <> 0, false) ELSE false END;
 END;
 
 CREATE INDEX term_shape ON term USING gist (stated_box(text, tag))
     WHERE tag IN ('http://www.opengis.net/ont/geosparql#wktLiteral', 'http://www.opengis.net/ont/geosparql#gmlLiteral',
                   'http://www.opengis.net/ont/geosparql#geoJSONLiteral');
-CREATE INDEX term_in_system ON term (id)
+CREATE INDEX term_on_earth ON term (id)
     WHERE tag IN ('http://www.opengis.net/ont/geosparql#wktLiteral', 'http://www.opengis.net/ont/geosparql#gmlLiteral',
-                  'http://www.opengis.net/ont/geosparql#geoJSONLiteral') AND names_system(text);
+                  'http://www.opengis.net/ont/geosparql#geoJSONLiteral') AND is_on_earth(text, tag);
 
 CREATE VIEW statement WITH (security_invoker = true) AS
     SELECT t.id, t.map_id, coalesce(g.text, '') AS graph,          -- IRI; empty: the default graph

@@ -37,8 +37,11 @@ CALLS_AT_ONCE = 8
 
 END = b"#end#"
 
-_TOKEN = re.compile(rb'"(?:[^"\\\n]|\\.)*"?|(#end#)')
-"""A string, in which ``#end#`` is text, or the end of a message."""
+_STRING = re.compile(rb'(?:[^"\\\n]|\\.)*')
+"""The rest of a string, in which ``#end#`` is text."""
+
+_NEXT = re.compile(rb'"|#end#')
+"""What begins a string or ends a message."""
 
 
 def labels(kb: KB, term: str, models: Models = None) -> dict[str, str]:
@@ -64,6 +67,30 @@ NAMES = {
     ("sparql", "model"): "models",
 }
 """Names of arguments that are those of a `KB` elsewhere."""
+
+
+class _Scan:
+    """Looks for the end of a message that comes in pieces, each of which is read once."""
+
+    def __init__(self) -> None:
+        self._at, self._in_string = 0, False
+
+    def end_in(self, buffer: bytearray) -> int | None:
+        """Return where the message ends; None where its end has not come."""
+        while True:
+            if self._in_string:
+                rest = _STRING.match(buffer, self._at)
+                self._at = self._at if rest is None else rest.end()
+                if buffer[self._at :] in (b"", b"\\"):
+                    return None  # the rest comes with the next piece
+                self._at, self._in_string = self._at + 1, False
+            found = _NEXT.search(buffer, self._at)
+            if found is None:
+                self._at = max(self._at, len(buffer) - len(END) + 1)
+                return None
+            if found[0] == END:
+                return found.start()
+            self._at, self._in_string = found.end(), True
 
 
 class KnowledgeCoreServer(BoundedThreads, socketserver.TCPServer):
@@ -124,7 +151,7 @@ class _Connection(socketserver.BaseRequestHandler):
 
     def _messages(self) -> Iterator[bytes]:
         """Yield messages without their end; the first one, and each that began, comes in time."""
-        buffer, began, first = bytearray(), time.monotonic(), True
+        buffer, scan, began, first = bytearray(), _Scan(), time.monotonic(), True
         while True:
             try:
                 piece = self.request.recv(2**16)
@@ -137,12 +164,10 @@ class _Connection(socketserver.BaseRequestHandler):
             if not first and not buffer.strip():
                 began = time.monotonic()
             buffer += piece
-            if END in buffer[-len(piece) - len(END) :]:
-                while end := next((each for each in _TOKEN.finditer(buffer) if each[1]), None):
-                    yield bytes(buffer[: end.start()])
-                    del buffer[: end.end()]
-                    first = False
-                    began = time.monotonic()
+            while (end := scan.end_in(buffer)) is not None:
+                yield bytes(buffer[:end])
+                del buffer[: end + len(END)]
+                scan, first, began = _Scan(), False, time.monotonic()
             if MESSAGE_BYTES.exceeded_by(len(buffer)):
                 most = MESSAGE_BYTES.text(MESSAGE_BYTES.value)
                 reason = f"the message has more than {most}: send parts of it, or raise the limit"
@@ -188,12 +213,15 @@ class _Connection(socketserver.BaseRequestHandler):
         return path
 
     def _send_events(self) -> None:
-        with suppress(OSError):
+        try:
             while True:
                 number, bindings = self._kb.events.get()
                 if not number:
                     return
                 self._send(f"event\n{number}\n{_json(bindings)}\n")
+        except Exception:  # a client that gets no more events is told so by the end
+            with suppress(OSError):
+                self.request.shutdown(socket.SHUT_RDWR)
 
     def _send(self, text: str) -> None:
         with self._sending:

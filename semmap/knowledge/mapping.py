@@ -511,7 +511,9 @@ def _conditions(name: str, condition: str, a: str, b: str) -> Iterator[list[str]
     if not terms:
         yield [condition.format(a=a, b=b)]
     elif len(terms) == 2:
-        near = [f"{boxes[a]} && {boxes[b]}"] * has_boxes
+        # no index finds pairs of the map's frame and of the earth, so that none of them is related
+        near = [" = ".join(f"is_on_earth({each}.text, {each}.tag)" for each in terms)]
+        near += [f"{boxes[a]} && {boxes[b]}"] * has_boxes
         other = f"alike({shapes[b]}, {shapes[a]}, {{a}}.map_id)"
         yield [*near, condition.format(a=shapes[a], b=other)]
     else:
@@ -527,7 +529,7 @@ def _conditions(name: str, condition: str, a: str, b: str) -> Iterator[list[str]
         ):
             ends = {term: shape, footprint: footprint}
             related = condition.format(a=ends[a], b=ends[b])
-            yield [f"{named}names_system({term}.text)", *near * has_boxes, related]
+            yield [f"{named}is_on_earth({term}.text, {term}.tag)", *near * has_boxes, related]
 
 
 def _rewritten(*pairs: tuple[_End, _End]) -> Iterator[TripleMap]:

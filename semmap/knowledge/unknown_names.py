@@ -12,11 +12,11 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.fields.properties import field_properties
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.mapping import COMPUTED, DATATYPES, REWRITTEN, TRIPLES
+from semmap.knowledge.mapping import COMPUTED, DATATYPES, REWRITTEN, SERIALIZATIONS, TRIPLES
 from semmap.knowledge.sparql.constants import Constants, iris_in, literals_in
 from semmap.knowledge.sparql.expressions import CASTS
 from semmap.knowledge.sparql.geosparql import FUNCTIONS
-from semmap.knowledge.vocabulary import GEOF, SEMMAP, TYPE, decode
+from semmap.knowledge.vocabulary import GEO, GEOF, SEMMAP, TYPE, decode
 from semmap.language.syntax_tree import nodes_in
 from semmap.suggestions import suggestion
 
@@ -29,11 +29,13 @@ _SYSTEM = re.compile(r"""^\s*<([^>]*)>|srsName\s*=\s*["']([^"']*)["']""")
 _UNREAD = "SELECT n FROM unnest(%s::text[]) n WHERE (reference_system(n)).srid IS NULL"
 _KINDS = tuple(DATATYPES[form] for form in ("geometry", "gml", "geojson"))
 _PLACED = (
-    "SELECT m.crs IS NOT NULL, bool_or(names_system(t.text)), bool_and(names_system(t.text)) "
-    "FROM map m JOIN triple s ON s.map_id = m.id JOIN term t ON t.id = s.object "
-    f"WHERE m.id = %s AND t.tag IN {_KINDS} AND EXISTS (SELECT FROM term u "
-    f"WHERE u.tag IN {_KINDS} AND names_system(u.text)) GROUP BY m.id"
+    "SELECT bool_or(is_on_earth(t.text, t.tag)), bool_and(is_on_earth(t.text, t.tag)) "
+    "FROM triple s JOIN term t ON t.id = s.object "
+    f"WHERE s.map_id = %s AND t.tag IN {_KINDS} AND EXISTS (SELECT FROM term u "
+    f"WHERE u.tag IN {_KINDS} AND is_on_earth(u.text, u.tag))"
 )
+_HAS_GEOREFERENCE = "SELECT on_earth('POINT(0 0)'::geometry, %s) IS NOT NULL"
+_SHAPES = frozenset({*SERIALIZATIONS, f"{GEO}hasSerialization"})
 _ENTITIES = "SELECT name FROM entity WHERE map_id = %s"
 _TYPES = "SELECT name FROM semantic_type"
 _CLASSES = "SELECT iri FROM semantic_type WHERE iri IS NOT NULL"
@@ -54,8 +56,7 @@ def unknown_names(view: MapView, constants: Constants, *trees: Any) -> list[str]
     unread = view.session.execute(_UNREAD, [systems]).fetchall() if systems else ()
     sentences = [f"there is no geometry in <{iri}>: its axes are not known" for (iri,) in unread]
     sentences += [_sentence(view, iri) for iri in sorted(missing) if not _is_value(view, iri)]
-    if not _RELATIONS.isdisjoint(map(str, nodes_in(trees))):
-        sentences += _unplaced(view)
+    sentences += _unplaced(view, {*map(str, nodes_in(trees))}, bool(systems))
     called = {str(n.iri) for n in nodes_in(trees) if getattr(n, "name", "") == "Function"}
     return sentences + [
         _of_function(iri) for iri in sorted(called - FUNCTIONS.keys() - CASTS.keys())
@@ -73,19 +74,22 @@ def _systems(trees: Any) -> Iterator[str]:
             yield from (str(each) for each in node.expr[1:] if isinstance(each, URIRef))
 
 
-def _unplaced(view: MapView) -> Iterator[str]:
-    """Yield what topological relations leave out: pairs of a map's frame and of the earth."""
-    found = view.session.execute(_PLACED.encode(), [view.number]).fetchone()
-    has_reference, some, every = found or (True, False, False)
-    if some and not has_reference:
+def _unplaced(view: MapView, names: set[str], has_systems: bool) -> Iterator[str]:
+    """Yield which pairs of the map's frame and of the earth a query does not compare."""
+    asks = not _RELATIONS.isdisjoint(names)
+    stated = view.session.execute(_PLACED.encode(), [view.number]).fetchone() if asks else None
+    some, every = stated or (False, False)
+    if some or (has_systems and not _SHAPES.isdisjoint(names)):
+        row = view.session.execute(_HAS_GEOREFERENCE.encode(), [view.number]).fetchone()
+        if row and not row[0]:
+            yield (
+                "the map has no georeference in metres (docs/import.md): its geometries are not "
+                "compared with those in a reference system"
+            )
+    if some and not every:
         yield (
-            "geometries in a reference system have no relations to entities, since the map has no "
-            "georeference: import one (docs/import.md)"
-        )
-    elif some and not every:
-        yield (
-            "relations of foreign geometries in the map's frame to those in a reference system "
-            "are not calculated: compare their literals by geof: functions"
+            "foreign geometries in the map's frame are not compared with foreign ones in a "
+            "reference system: use functions of geof: for them"
         )
 
 

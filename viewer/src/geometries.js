@@ -1,7 +1,11 @@
 // Geometry literals as parts that a plan draws: points, lines, and areas as rings, x and y in metres.
 
 const KINDS = { POINT: "point", LINESTRING: "line", POLYGON: "area", TRIANGLE: "area", TIN: "facets", POLYHEDRALSURFACE: "facets" };
-const LITERALS = { wktLiteral: fromWkt, geoJSONLiteral: (text) => fromGeoJson(JSON.parse(text)) };
+const LITERALS = new Map([
+  ["wktLiteral", fromWkt],
+  ["geoJSONLiteral", (text) => fromGeoJson(JSON.parse(text))],
+  ["gmlLiteral", () => null],
+]);
 
 export function isGeometry(term) {
   return reader(term) !== undefined;
@@ -18,7 +22,7 @@ export function partsOf(term) {
 }
 
 function reader({ type, datatype = "" }) {
-  return type === "uri" ? undefined : LITERALS[/^http:\/\/www\.opengis\.net\/ont\/geosparql#(\w+)$/.exec(datatype)?.[1]];
+  return type === "uri" ? undefined : LITERALS.get(/^http:\/\/www\.opengis\.net\/ont\/geosparql#(\w+)$/.exec(datatype)?.[1]);
 }
 
 // Each list of coordinates belongs to the last kind that is named before it.
@@ -29,7 +33,7 @@ function fromWkt(text) {
     if (list) parts.at(-1).rings.push(list.split(",").map((point) => point.trim().split(/\s+/).slice(0, 2).map(Number)));
     else if (!/^(Z|M|EMPTY|GEOMETRYCOLLECTION)$/i.test(word)) parts.push({ kind: kindOf(word), rings: [] });
   }
-  return parts;
+  return parts.filter(({ rings }) => rings.length);
 }
 
 function fromGeoJson({ type, coordinates, geometries, crs }) {

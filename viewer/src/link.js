@@ -22,3 +22,12 @@ export function numbers(text, count) {
   const found = (text ?? "").split(",").map(Number);
   return found.length === count && found.every(Number.isFinite) ? found : null;
 }
+
+// A part of an IRI as a name; what is not encoded as IRIs are, as it stands.
+export function decoded(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return text;
+  }
+}

@@ -1,6 +1,7 @@
 // YASGUI's view "Map": the geometries of an answer on the plan of the rooms, in the frame of the map.
 
 import { isGeometry, partsOf } from "./geometries.js";
+import { decoded } from "./link.js";
 import { element } from "./panel.js";
 
 const MOST_LABELS = 500;
@@ -28,7 +29,7 @@ export class Plan {
     const rows = this.yasr.results.getBindings();
     const found = rows.flatMap((row) => shapes(row, this.yasr.getPrefixes()));
     const rooms = (await Plan.rooms).flatMap((row) => shapes(row, this.yasr.getPrefixes()));
-    const drawn = found.filter(({ parts }) => parts).map((each) => ({ ...each, box: extent([each]) }));
+    const drawn = found.filter(({ parts }) => parts?.length).map((each) => ({ ...each, box: extent([each]) }));
     const columns = [...new Set(drawn.map(({ name }) => name))];
     const size = ({ box: { width, height } }) => width * height;
     const below = drawn.toSorted((one, other) => size(other) - size(one)); // the largest
@@ -41,8 +42,8 @@ export class Plan {
     const scale = element("span", { className: "scale" });
     const place = element("output");
     const left = found.length - drawn.length;
-    const said = `${drawn.length} geometries${left ? `; ${left} in another reference system or of another kind are not drawn` : ""}`;
-    const foot = element("p", { className: "foot" }, scale, place, element("span", {}, `${said} · wheel: nearer · drag: move · double click: all`));
+    const summary = `${drawn.length} geometries${left ? `; ${left} that are empty, in another reference system or of another kind are not drawn` : ""}`;
+    const foot = element("p", { className: "foot" }, scale, place, element("span", {}, `${summary} · wheel: nearer · drag: move · double click: all`));
     this.yasr.resultsEl.append(picture, foot);
     this.view = new View(picture, scale, place, drawn.length ? drawn : rooms.filter(({ parts }) => parts));
   }
@@ -68,7 +69,7 @@ function short({ type, value }, prefixes) {
   const fitting = Object.entries(prefixes).filter(([, space]) => value.startsWith(space));
   if (!fitting.length) return value;
   const [prefix, space] = fitting.reduce((one, other) => (other[1].length > one[1].length ? other : one));
-  return prefix ? `${prefix}:${value.slice(space.length)}` : decodeURIComponent(value.slice(space.length));
+  return prefix ? `${prefix}:${value.slice(space.length)}` : decoded(value.slice(space.length));
 }
 
 function shape({ parts, text }, name) {

@@ -4,7 +4,7 @@ import Yasgui from "@zazuko/yasgui";
 import "@zazuko/yasgui/build/yasgui.min.css";
 import papers from "../../docs/questions.md?raw";
 import twenty from "../../docs/twenty_questions.md?raw";
-import { readLink, takeToken, writeLink } from "./link.js";
+import { decoded, readLink, takeToken, writeLink } from "./link.js";
 import { Maps, reason } from "./maps.js";
 import { element } from "./panel.js";
 import { Plan } from "./plan.js";
@@ -62,7 +62,7 @@ function open(prefixes, value) {
   // An entity in a table leads to it in the viewer.
   at("yasgui").addEventListener("click", ({ target }) => {
     const name = target.closest(".yasr a.iri") && /^:(.*)/.exec(target.textContent)?.[1];
-    if (name) location.assign(`${at("viewer").href}#${new URLSearchParams({ selected: decodeURIComponent(name) })}`);
+    if (name) location.assign(`${at("viewer").href}#${new URLSearchParams({ selected: decoded(name) })}`);
   });
   at("examples").addEventListener("change", ({ target }) => {
     const name = target.selectedOptions[0].text;

@@ -13,9 +13,11 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
+import psycopg
 from sqlalchemy import Engine
 
 from semmap.database.notifications import SERVER_AWAY
+from semmap.error import Error
 from semmap.garbage import no_garbage_collection
 from semmap.knowledge.answer import plain_value
 from semmap.knowledge.map_view import MapView
@@ -153,8 +155,11 @@ class Subscriptions(AbstractContextManager["Subscriptions"]):
                 self._queries.remove(subscriber.query)
 
     def catch_up(self) -> None:
-        """Find the events of the last change now, so that the next one cannot undo them unseen."""
-        with suppress(*SERVER_AWAY), self._lock:
+        """Find the events of the last change now, so that the next one cannot undo them unseen.
+
+        The change is made: what hinders this look, the thread that follows the map meets again.
+        """
+        with suppress(Error, psycopg.Error, *SERVER_AWAY), self._lock:
             if self._subscribers and not self._stop.is_set():
                 with self._look() as look:
                     _, due = self._catch_up(look)

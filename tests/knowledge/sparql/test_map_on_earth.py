@@ -21,10 +21,11 @@ from semmap.knowledge.queries import query
 from semmap.knowledge.updates import update
 
 EAST, NORTH, TURN = 434000.0, 5792000.0, 0.4
+CRS = "http://www.opengis.net/def/crs/"
 SYSTEMS = {  # the EPSG code, whether the first coordinate is the northern one
-    "http://www.opengis.net/def/crs/OGC/1.3/CRS84": (4326, False),
-    "http://www.opengis.net/def/crs/EPSG/0/4326": (4326, True),
-    "http://www.opengis.net/def/crs/EPSG/0/32632": (32632, False),
+    f"{CRS}OGC/1.3/CRS84": (4326, False),
+    f"{CRS}EPSG/0/4326": (4326, True),
+    f"{CRS}EPSG/0/32632": (32632, False),
     "urn:ogc:def:crs:EPSG::32633": (32633, False),
 }
 RELATIONS: dict[str, Callable[[Any, Any], bool]] = {
@@ -173,9 +174,100 @@ def test_a_footprint_is_transformed_and_put_together_with_the_earth(campus: Map)
     expected = on_earth(crates(campus)[x], 32632)
     found = shapely.from_wkt(str(moved).partition("> ")[2])
     assert found.symmetric_difference(expected).area < 1e-6
-    assert both is not None
+    assert shapely.area(shapely.from_wkt(str(both))) == pytest.approx(2, abs=1e-6)
 
 
+AT_ORIGIN = {
+    "wkt": '"POINT(0 0)"^^geo:wktLiteral',
+    "wkt of the frame": '"<http://www.opengis.net/def/crs/EPSG/0/0> POINT(0 0)"^^geo:wktLiteral',
+    "gml of the frame": "\"<gml:Point xmlns:gml='http://www.opengis.net/gml' "
+    "srsName='urn:ogc:def:crs:EPSG::0'><gml:pos>0 0</gml:pos></gml:Point>\"^^geo:gmlLiteral",
+    "geojson": '\'{"type": "Point", "coordinates": [0, 0], "crs": null}\'^^geo:geoJSONLiteral',
+}
+
+
+@pytest.mark.parametrize("kind", AT_ORIGIN)
+@pytest.mark.parametrize("georeferenced", [True, False])
+def test_literals_of_the_frame_have_their_relations(
+    campus: Map, kind: str, georeferenced: bool
+) -> None:
+    session = campus.connection
+    with session.transaction(force_rollback=True):
+        if not georeferenced:
+            campus.execute(NO_GEOREFERENCE)
+        update(session, f"{PREFIX} INSERT DATA {{ ex:here geo:asWKT {AT_ORIGIN[kind]} }}")
+        answer = query(
+            session, f"{PREFIX} SELECT ?x {{ ?x a semmap:Object ; geo:sfContains ex:here }}"
+        )
+        assert [str(x).rpartition("#")[2] for (x,) in answer.rows] == ["crate0"]
+        assert answer.notes == ()
+
+
+@pytest.mark.parametrize("size", [0.5, 6.0])
+def test_long_edges_are_curved_in_degrees(campus: Map, size: float) -> None:
+    """A parallel lies north of the straight line between its ends."""
+    session, own = campus.connection, crates(campus)
+    middle = on_earth(shapely.Point(0, 0), 4326)
+    low, top = middle.y - size, middle.y - 1e-4 * size**2
+    zone = shapely.box(middle.x - size, low, middle.x + size, top)
+    text = f'"<{CRS}OGC/1.3/CRS84> {zone.wkt}"^^geo:wktLiteral'
+    placed = shapely.transform(zone, in_frame)
+    expected = sorted(each for each, shape in own.items() if shapely.within(shape, placed))
+    with session.transaction(force_rollback=True):
+        update(session, f"{PREFIX} INSERT DATA {{ ex:big geo:asWKT {text} }}")
+        found = query(session, f"{PREFIX} SELECT ?x {{ ?x a semmap:Object ; geo:sfWithin ex:big }}")
+        assert sorted(str(x) for (x,) in found.rows) == expected
+    where = "?x a semmap:Object ; geo:hasGeometry/geo:asWKT ?w"
+    found = query(session, f"SELECT ?x {{ {where} FILTER(geof:sfWithin(?w, {text})) }}")
+    assert sorted(str(x) for (x,) in found.rows) == expected
+    assert expected
+
+
+def in_frame(xy: Any) -> Any:
+    """Bring longitudes and latitudes into the map's frame."""
+    to_utm = pyproj.Transformer.from_crs(4326, 32632, always_xy=True).transform
+    east, north = (np.asarray(v) for v in to_utm(xy[:, 0], xy[:, 1]))
+    cos, sin = np.cos(TURN), np.sin(TURN)
+    return np.column_stack(
+        [
+            cos * (east - EAST) + sin * (north - NORTH),
+            -sin * (east - EAST) + cos * (north - NORTH),
+        ]
+    )
+
+
+def test_heights_are_above_the_height_of_the_frame(campus: Map) -> None:
+    at = on_earth(shapely.Point(0, 0), 4326)
+    here = f'"<{CRS}OGC/1.3/CRS84> POINT Z ({at.x!r} {at.y!r} 75)"^^geo:wktLiteral'
+    there = '"POINT Z (0 0 5)"^^geo:wktLiteral'
+    to = f"geof:transform({{}}, <{CRS}EPSG/0/{{}}>)"
+    ((down, up, away),) = query(
+        campus.connection,
+        f"SELECT (geof:maxZ({to.format(here, 0)}) AS ?down) (geof:maxZ({to.format(there, 4326)}) "
+        f"AS ?up) (semmap:distance3D({there}, {here}) AS ?away) {{}}",
+    ).rows
+    assert (float(down), float(up)) == pytest.approx((5, 75))
+    assert float(away) < IN_ONE
+
+
+@pytest.mark.parametrize("code", [4326, 2263, 99999])
+def test_a_georeference_in_other_units_is_none(campus: Map, code: int) -> None:
+    session = campus.connection
+    with session.transaction(force_rollback=True):
+        campus.execute("UPDATE map SET crs = %s WHERE id = current_map()", code)
+        answer = query(
+            session,
+            "SELECT ?x { ?x geo:hasGeometry/geo:asWKT ?w "
+            f"FILTER(geof:sfDisjoint(?w, {FOREIGN})) }}",
+        )
+        assert answer.rows == ()
+        assert "no georeference" in answer.notes[0]
+
+
+NO_GEOREFERENCE = (
+    "UPDATE map SET crs = NULL, easting = NULL, northing = NULL, height = NULL, "
+    "rotation = NULL WHERE id = current_map()"
+)
 FOREIGN = '"<http://www.opengis.net/def/crs/OGC/1.3/CRS84> POINT(8 52)"^^geo:wktLiteral'
 
 
@@ -189,11 +281,11 @@ def test_what_is_not_related_is_noted(campus: Map) -> None:
         here = '"POINT(0 0)"^^geo:wktLiteral'
         update(session, f"{PREFIX} INSERT DATA {{ ex:here geo:asWKT {here} }}")
         (note,) = query(session, PREFIX + asked).notes
-        assert "are not calculated" in note
-        campus.execute(
-            "UPDATE map SET crs = NULL, easting = NULL, northing = NULL, height = NULL, "
-            "rotation = NULL WHERE id = current_map()"
-        )
-        (note,) = query(session, PREFIX + asked).notes
-        assert "no georeference" in note
+        assert "foreign geometries in the map's frame are not compared" in note
+        for name in ("sfContains", "sfDisjoint", "sfEquals"):
+            pairs = f"{PREFIX} SELECT * {{ ex:here geo:{name} ex:there }}"
+            assert query(session, pairs).rows == ()
+        campus.execute(NO_GEOREFERENCE)
+        notes = query(session, PREFIX + asked).notes
+        assert "no georeference" in notes[0]
         assert query(session, f"{PREFIX} SELECT * {{ ?x geo:asWKT ?w }} LIMIT 1").notes == ()
