@@ -159,7 +159,7 @@ ELSEWHERE = "<http://www.opengis.net/def/crs/EPSG/0/25832> POINT(400000 5700000)
 
 def test_each_kind_of_geometry_is_drawn(page: Page) -> None:
     """One of another reference system is not, and the page says so."""
-    given = [f'"{text}"^^geo:wktLiteral' for text in [*WKT, ELSEWHERE]]
+    given = [f'"{text}"^^geo:wktLiteral' for text in [*WKT, "POINT EMPTY", ELSEWHERE]]
     text = "SELECT ?g { VALUES ?g { " + " ".join(given) + f" '{GEOJSON}'^^geo:geoJSONLiteral }} }}"
     ask(page, text, view="map")
     boxes = page.evaluate(
@@ -174,7 +174,10 @@ def test_each_kind_of_geometry_is_drawn(page: Page) -> None:
     shapes = [*map(shapely.from_wkt, same), shapely.from_geojson(GEOJSON)]
     expected = [list(shape.bounds) for shape in shapes]
     assert sorted(boxes) == [pytest.approx(box, abs=1e-5) for box in sorted(expected)]
-    assert "8 geometries; 1 in another reference system" in page.locator(".foot").inner_text()
+    assert (
+        "8 geometries; 2 that are empty, in another reference system"
+        in page.locator(".foot").inner_text()
+    )
     inside = page.evaluate(
         "[[1.5, -1.5], [3, -3]].map((at) => [...document.querySelectorAll('.plan .shape path')]"
         ".some((path) => path.getBBox().width === 4 && path.isPointInFill(new DOMPoint(...at))))"
