@@ -81,7 +81,7 @@ class _Scan:
             if self._in_string:
                 rest = _STRING.match(buffer, self._at)
                 self._at = self._at if rest is None else rest.end()
-                if buffer[self._at :] in (b"", b"\\"):
+                if bytes(buffer[self._at : self._at + 2]) in (b"", b"\\"):
                     return None  # the rest comes with the next piece
                 self._at, self._in_string = self._at + 1, False
             found = _NEXT.search(buffer, self._at)

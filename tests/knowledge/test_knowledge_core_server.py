@@ -18,6 +18,8 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from sqlalchemy import Engine
 
 import semmap
@@ -26,6 +28,7 @@ from semmap.knowledge.client import KnowledgeClient
 from semmap.knowledge.knowledge_core_server import (
     METHODS,
     MOST_CONNECTIONS,
+    _Scan,
     listening,
     serving,
     subscribe,
@@ -533,3 +536,19 @@ def test_pykb_gets_one_event_of_a_subscription_for_once(kb: Any) -> None:
         kb += [f"{name}3 rdf:type Wizard"]
         with pytest.raises(queue.Empty):
             kb.events.get(timeout=0.5)
+
+
+WHOLE = re.compile(rb'"(?:[^"\\\n]|\\.)*"?|(#end#)')
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.sampled_from([b'"', b"\\", b"\n", b"#end#", b"#en", b"d#", b"a"]), max_size=30))
+def test_the_end_is_found_in_pieces_as_in_the_whole(pieces: list[bytes]) -> None:
+    scan, buffer, found = _Scan(), bytearray(), None
+    for piece in pieces:
+        buffer += piece
+        found = scan.end_in(buffer)
+        if found is not None:
+            break
+    whole = next((each for each in WHOLE.finditer(buffer) if each[1]), None)
+    assert found == (None if whole is None else whole.start())
