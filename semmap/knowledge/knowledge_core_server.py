@@ -69,7 +69,7 @@ NAMES = {
 """Names of arguments that are those of a `KB` elsewhere."""
 
 
-class _Scan:
+class Scan:
     """Looks for the end of a message that comes in pieces, each of which is read once."""
 
     def __init__(self) -> None:
@@ -151,7 +151,7 @@ class _Connection(socketserver.BaseRequestHandler):
 
     def _messages(self) -> Iterator[bytes]:
         """Yield messages without their end; the first one, and each that began, comes in time."""
-        buffer, scan, began, first = bytearray(), _Scan(), time.monotonic(), True
+        buffer, scan, began, first = bytearray(), Scan(), time.monotonic(), True
         while True:
             try:
                 piece = self.request.recv(2**16)
@@ -167,7 +167,7 @@ class _Connection(socketserver.BaseRequestHandler):
             while (end := scan.end_in(buffer)) is not None:
                 yield bytes(buffer[:end])
                 del buffer[: end + len(END)]
-                scan, first, began = _Scan(), False, time.monotonic()
+                scan, first, began = Scan(), False, time.monotonic()
             if MESSAGE_BYTES.exceeded_by(len(buffer)):
                 most = MESSAGE_BYTES.text(MESSAGE_BYTES.value)
                 reason = f"the message has more than {most}: send parts of it, or raise the limit"

@@ -28,7 +28,7 @@ from semmap.knowledge.client import KnowledgeClient
 from semmap.knowledge.knowledge_core_server import (
     METHODS,
     MOST_CONNECTIONS,
-    _Scan,
+    Scan,
     listening,
     serving,
     subscribe,
@@ -544,7 +544,7 @@ WHOLE = re.compile(rb'"(?:[^"\\\n]|\\.)*"?|(#end#)')
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.sampled_from([b'"', b"\\", b"\n", b"#end#", b"#en", b"d#", b"a"]), max_size=30))
 def test_the_end_is_found_in_pieces_as_in_the_whole(pieces: list[bytes]) -> None:
-    scan, buffer, found = _Scan(), bytearray(), None
+    scan, buffer, found = Scan(), bytearray(), None
     for piece in pieces:
         buffer += piece
         found = scan.end_in(buffer)
