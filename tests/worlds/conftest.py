@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from sqlalchemy import Engine
 
+import semmap
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
 from semmap.robot import Part
@@ -58,6 +59,13 @@ def house_and_hotel(imported: Import, worlds: Path) -> Iterator[Engine]:
     files = (worlds / HOUSE, "house"), (ROOMS, "house"), (worlds / HOTEL, "hotel")
     with imported(*files) as engine:
         yield engine
+
+
+@pytest.fixture(scope="module")
+def db(house: Engine) -> Iterator[semmap.Database]:
+    """The database of the small house."""
+    with semmap.connect(house.url.render_as_string(hide_password=False)) as db:
+        yield db
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,6 @@ import pytest
 import shapely
 from psycopg import sql
 from pyproj import Geod, Transformer
-from sqlalchemy import Engine
 from starlette.testclient import TestClient
 
 import semmap
@@ -30,12 +29,6 @@ from tests.served import served
 
 ROBOT, ADMIN = "a-token-of-a-robot", "a-token-of-an-admin"
 TOKENS = {ROBOT: "semmap_robot", ADMIN: "semmap_admin"}
-
-
-@pytest.fixture(scope="module")
-def db(house: Engine) -> Iterator[semmap.Database]:
-    with semmap.connect(house.url.render_as_string(hide_password=False)) as db:
-        yield db
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ import httpx
 import pytest
 import shapely
 from playwright.sync_api import Page, Request
-from sqlalchemy import Engine
 
 import semmap
 from semmap.knowledge.vocabulary import GEO, prefixes, short
@@ -21,12 +20,6 @@ from tests.served import served
 TOKEN = "a-token-of-an-admin"
 HOUSE = questions("twenty_questions.md", "The small house")
 OUTLINES = "What are the outlines of the rooms?"
-
-
-@pytest.fixture(scope="module")
-def db(house: Engine) -> Iterator[semmap.Database]:
-    with semmap.connect(house.url.render_as_string(hide_password=False)) as db:
-        yield db
 
 
 @pytest.fixture(scope="module")
