@@ -520,8 +520,9 @@ def _conditions(name: str, condition: str, a: str, b: str) -> Iterator[list[str]
         (term,), (footprint,) = terms, {a, b} - {*terms}
         box, placed = boxes[term], f"in_map_frame({shapes[term]}, {{a}}.map_id)"
         on_earth = [
-            f"{box} && earth_box({footprint}, {{a}}.map_id)",  # the index of terms
-            f"{placed} && {footprint}",  # that of footprints
+            # the index of terms, for a row of footprints alone
+            f"{box} && earth_box({footprint}, {footprint.replace('.footprint', '.map_id')})",
+            f"{placed} && {footprint}",  # the index of footprints
         ]
         for named, shape, near in (
             ("NOT ", shapes[term], [f"{box} && {footprint}"]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -289,3 +290,28 @@ def test_what_is_not_related_is_noted(campus: Map) -> None:
         notes = query(session, PREFIX + asked).notes
         assert "no georeference" in notes[0]
         assert query(session, f"{PREFIX} SELECT * {{ ?x geo:asWKT ?w }} LIMIT 1").notes == ()
+
+
+POINTS_AROUND = """
+INSERT INTO statement (map_id, subject, predicate, object, tag)
+SELECT current_map(), 'http://example.org/p' || n, 'http://www.opengis.net/ont/geosparql#asWKT',
+       format('<http://www.opengis.net/def/crs/OGC/1.3/CRS84> POINT(%%s %%s)',
+              %s::float8 + 0.001 * (n %% 50), %s::float8 + 0.001 * (n / 50)),
+       'http://www.opengis.net/ont/geosparql#wktLiteral'
+FROM generate_series(0, 2499) n
+"""
+
+
+@pytest.mark.parametrize("pattern", ["?x geo:sfWithin :crate0", ":crate0 geo:sfContains ?x"])
+def test_an_index_answers_relations_to_the_earth(campus: Map, pattern: str) -> None:
+    session = campus.connection
+    at = on_earth(shapely.Point(0, 0), 4326)
+    with session.transaction(force_rollback=True):
+        campus.execute(POINTS_AROUND, at.x, at.y)
+        session.execute("ANALYZE term; ANALYZE triple")
+        text = f"SELECT ?x {{ {pattern} FILTER(CONTAINS(STR(?x), 'example')) }}"
+        answer = query(session, text, plan=True)
+        assert [str(x) for (x,) in answer.rows] == ["http://example.org/p0"]
+        plan = next(part for part in answer.explanation if part.kind == "plan")
+        removed = re.findall(r"Rows Removed by [\w ]+: (\d+)", plan)
+        assert max(map(int, removed), default=0) < 100
