@@ -22,6 +22,9 @@ from tests.soak.invariants import STATED, last_line, url_of
 
 TOKEN = "a-token-of-a-robot"
 
+SECONDS = 600
+"""A machine that runs dozens of processes of the trial gives an update little time."""
+
 UPDATE = (
     "DELETE {{ :{0} <urn:soak:count> ?n }} INSERT {{ :{0} <urn:soak:count> {1} }} "
     "WHERE {{ OPTIONAL {{ :{0} <urn:soak:count> ?n }} }}"
@@ -44,8 +47,12 @@ def stater(cluster: Cluster, state: Path, map_name: str, entity: str) -> None:
     def work(engine: Engine) -> None:
         with semmap.connect(url_of(engine)) as db:
             found = db.map(map_name)
+
+            def state_number(text: str) -> bool:
+                return found.update(text, seconds=SECONDS) is not None
+
             while True:
-                _count(state / f"stated-{entity}", lambda text: found.update(text) is not None)
+                _count(state / f"stated-{entity}", state_number)
 
     for_ever(cluster, work)
 
