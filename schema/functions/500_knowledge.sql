@@ -442,7 +442,7 @@ BEGIN
         RETURN NULL;
     END IF;
     INSERT INTO semmap.change (map_id, what, entities, facts)
-        SELECT t.map_id, 'inferred', '{}', jsonb_agg(jsonb_build_array('urn:semmap:inferred',
+        SELECT t.map_id, 'inferred', '{}', jsonb_agg(jsonb_build_array(t.graph,
             coalesce(to_jsonb(t.subject), to_jsonb(t.subject_id)), t.predicate,
             coalesce(to_jsonb(t.object), to_jsonb(t.object_id)), t.tag))
         FROM touched t JOIN semmap.map m ON m.id = t.map_id WHERE NOT t.told GROUP BY t.map_id;

@@ -7,6 +7,7 @@ relations that SQL functions decide when a query names them. To move one is to m
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 from semmap.knowledge.manipulation_triples import MANIPULATION_NODES, MANIPULATION_TRIPLES
@@ -204,7 +205,15 @@ INFERENCES: tuple[TripleMap, ...] = tuple(
     _facts_of("inference", "NOT {a}.told", "EXISTS (SELECT FROM entity WHERE id = {id})")
 )
 """The inferences of the table `inference`, by the forms of subject and object: those of a deleted
-entity stay there until the next run of the reasoner."""
+entity stay there until the next run of the reasoner. Those from statements of a named graph are in
+that graph, those of the map in `INFERRED_GRAPH`."""
+
+_OF_MAP = f"{{a}}.graph = '{INFERRED_GRAPH}'"
+INFERENCES_OF_MAP: tuple[TripleMap, ...] = tuple(
+    replace(each, source=replace(each.source, where=(*each.source.where, _OF_MAP)))
+    for each in INFERENCES
+)
+"""Those of the map alone, as files have them: read again, those of graphs would be statements."""
 
 FACTS = STATEMENTS + INFERENCES
 """What the tables of triples have: single facts, each of which begins and ends by itself."""

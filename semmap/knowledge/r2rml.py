@@ -18,7 +18,7 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import (
     COMPUTED,
     DATATYPES,
-    INFERENCES,
+    INFERENCES_OF_MAP,
     INFERRED_GRAPH,
     JSON_TAGS,
     REWRITTEN,
@@ -48,7 +48,7 @@ def r2rml(session: Session, *, inferences: bool = False) -> str:
     """
     view = MapView.of(session)
     groups: dict[tuple[str, TripleTables, Value], list[Tagged]] = {}
-    for triple in (*TRIPLES, *STATEMENTS_AS_TEXTS, *(INFERENCES if inferences else ())):
+    for triple in (*TRIPLES, *STATEMENTS_AS_TEXTS, *(INFERENCES_OF_MAP if inferences else ())):
         for graph, tag in _constants(view, triple):
             found = _with_constants(triple, graph, tag)
             groups.setdefault((graph, found.source, found.subject), []).append((found, tag))

@@ -12,7 +12,12 @@ import rdflib
 from pyoxigraph import RdfFormat
 
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.mapping import INFERENCES, INFERRED_GRAPH, STATEMENTS_AS_TEXTS, TRIPLES
+from semmap.knowledge.mapping import (
+    INFERENCES_OF_MAP,
+    INFERRED_GRAPH,
+    STATEMENTS_AS_TEXTS,
+    TRIPLES,
+)
 from semmap.knowledge.sparql.kept_queries import Session
 from semmap.knowledge.sparql.stored_terms import term_of
 from semmap.knowledge.sparql.values import tag_of, text_of
@@ -24,7 +29,8 @@ Graph = TypeVar("Graph", bound=rdflib.Graph)
 
 def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, Any, Any, Any]]:
     """Yield subject, property, object and graph of each fact; None is the default graph."""
-    return facts_of(session, (*TRIPLES, *STATEMENTS_AS_TEXTS, *(INFERENCES if inferences else ())))
+    more = INFERENCES_OF_MAP if inferences else ()
+    return facts_of(session, (*TRIPLES, *STATEMENTS_AS_TEXTS, *more))
 
 
 def facts_of(session: Session, triples: Iterable[TripleMap]) -> Iterator[tuple[Any, Any, Any, Any]]:
@@ -145,4 +151,4 @@ def graph_of(triple: TripleMap) -> str:
     """Return the SQL of the graph of a triple map's facts; the default graph is empty."""
     if triple in STATEMENTS_AS_TEXTS:
         return "a.graph"
-    return f"'{INFERRED_GRAPH}'" if triple in INFERENCES else "''"
+    return f"'{INFERRED_GRAPH}'" if triple in INFERENCES_OF_MAP else "''"

@@ -12,7 +12,7 @@ import rdflib
 from semmap.ingest.ontology.tbox import ontology_files
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import is_mapped
-from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, Node, Triple
+from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, Node, RuleSet, Triple
 from semmap.knowledge.reasoning.rules import (
     AXIOM_CLASSES,
     AXIOM_PROPERTIES,
@@ -26,51 +26,87 @@ from semmap.knowledge.sparql.stored_terms import term_of
 from semmap.knowledge.vocabulary import prefixes, short
 
 _EQUALITY = " with equality"
+_NONE = Compiled(RuleSet(()), frozenset(), frozenset(), frozenset())
 
 
 @dataclass(frozen=True)
 class OntologyAxioms:
-    """The axioms of a map."""
+    """The axioms of a map, and of a named graph."""
 
+    graph: str  # "" for the map's own
     digest: str  # changes with them
     hierarchy: Hierarchy  # of the T-Box
     axioms: frozenset[Triple]  # others
+    of_map: frozenset[Triple]  # and those of them that the graph does not state
     stated_same: bool  # ``owl:sameAs`` is stated of something
     equality: bool  # the rules of equality are among `rules`
     rules: Compiled  # what the axioms make
 
     @classmethod
-    def read(cls, view: MapView, state: str = "") -> OntologyAxioms:
-        """Return the axioms of a map; the state of the last run says if equality was among them."""
+    def read(cls, view: MapView, state: str = "", graph: str = "") -> OntologyAxioms:
+        """Return the axioms of a map, and those that a named graph states besides.
+
+        The state of the last run says if equality was among them.
+        """
         hierarchy = Hierarchy.read(view)
         rows = view.session.execute(
-            f"SELECT {COLUMNS} FROM statement WHERE id IN (SELECT t.id FROM triple t "
-            "WHERE t.map_id = %(map)s AND t.graph = 0 "
+            f"SELECT graph, {COLUMNS} FROM statement WHERE id IN (SELECT t.id FROM triple t "
+            "WHERE t.map_id = %(map)s AND t.graph IN (0, term_id(%(graph)s)) "
             "AND (t.until IS NULL OR t.until > statement_timestamp()) "
             "AND (t.predicate IN (SELECT term_id(p) FROM unnest(%(properties)s::text[]) p) "
             "OR t.predicate = term_id(%(type)s) "
             "AND t.object IN (SELECT term_id(c) FROM unnest(%(classes)s::text[]) c)))",
             {
                 "map": view.number,
+                "graph": graph,
                 "properties": [*AXIOM_PROPERTIES, SAME_AS],
                 "type": TYPE_OF,
                 "classes": list(AXIOM_CLASSES),
             },
         ).fetchall()
-        stated = {fact_of(row) for row in rows}
+        stated = {fact_of(fact) for _, *fact in rows}
+        shipped = _shipped_axioms()
+        of_map = shipped | {fact_of(fact) for of_graph, *fact in rows if not of_graph}
         same = any(fact[1] == SAME_AS for fact in stated)
-        axioms = frozenset({fact for fact in stated if fact[1] != SAME_AS} | _shipped_axioms())
-        parts = (hierarchy.digest, str(same), *sorted(map(repr, axioms)))
+        axioms = frozenset({fact for fact in stated if fact[1] != SAME_AS} | shipped)
+        parts = (hierarchy.digest, str(bool(graph)), str(same), *sorted(map(repr, axioms)))
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         equality = same or state == digest + _EQUALITY
-        rules = _compiled(view, digest, hierarchy, axioms, equality)
-        return cls(digest, hierarchy, axioms, same, equality, rules)
+        read = cls(graph, digest, hierarchy, axioms, of_map, same, equality, _NONE)
+        return replace(read, rules=read._compiled(view))
 
     def with_equality(self, view: MapView, equality: bool) -> OntologyAxioms:
         """Return the same axioms with the rules of equality, or without, where none is stated."""
-        equality = equality or self.stated_same
-        rules = _compiled(view, self.digest, self.hierarchy, self.axioms, equality)
-        return replace(self, equality=equality, rules=rules)
+        changed = replace(self, equality=equality or self.stated_same)
+        return replace(changed, rules=changed._compiled(view))
+
+    def _compiled(self, view: MapView) -> Compiled:
+        key = self.digest, self.equality
+        if key not in _COMPILED:
+            parents = {(c, SUB, d) for c, d in self.hierarchy.parents}
+            if self.graph:
+                # It is not told the types that subsume others, nor what follows from the map's
+                # axioms alone.
+                known = compile_rules(self.of_map | parents, same=False).stated()
+                compiled = compile_rules(
+                    self.axioms | parents,
+                    Words(view).node,
+                    known=frozenset(known),
+                    same=self.equality,
+                )
+            else:
+                supers = self.hierarchy.supers.items()
+                compiled = compile_rules(
+                    self.axioms | parents,
+                    Words(view).node,
+                    built_in=frozenset((c, d) for c, above in supers for d in above),
+                    single=is_mapped,
+                    same=self.equality,
+                )
+            while len(_COMPILED) > 3:
+                del _COMPILED[next(iter(_COMPILED))]
+            _COMPILED[key] = compiled
+        return _COMPILED[key]
 
     @property
     def state(self) -> str:
@@ -80,24 +116,6 @@ class OntologyAxioms:
     def is_of(self, state: str) -> bool:
         """Return whether a run that left a state had the same axioms."""
         return state.removesuffix(_EQUALITY) == self.digest
-
-
-def _compiled(
-    view: MapView, digest: str, hierarchy: Hierarchy, axioms: frozenset[Triple], equality: bool
-) -> Compiled:
-    if (digest, equality) not in _COMPILED:
-        closure = {(c, d) for c, above in hierarchy.supers.items() for d in above}
-        compiled = compile_rules(
-            axioms | {(c, SUB, d) for c, d in hierarchy.parents},
-            Words(view).node,
-            built_in=frozenset(closure),
-            single=is_mapped,
-            same=equality,
-        )
-        while len(_COMPILED) > 3:
-            del _COMPILED[next(iter(_COMPILED))]
-        _COMPILED[digest, equality] = compiled
-    return _COMPILED[digest, equality]
 
 
 _COMPILED: dict[tuple[str, bool], Compiled] = {}

@@ -40,23 +40,33 @@ class Why:
 def contradictions(session: Session) -> list[Why]:
     """Return which facts contradict which axiom; or LookupError: the map is not reasoned about."""
     with limited(session, None):
-        view, facts = _facts(session)
-        rules = facts.ontology.rules.rules
+        view, states = _states(session)
         words = Words(view)
-        found = []
-        for fact in facts.match(None, CONTRADICTION, None):
-            bodies = {frozenset(body): body for _, body in rules.reasons(facts, fact)}
-            for body in bodies.values():
-                proofs = (_proof(facts, words, each) for each in dict.fromkeys(body))
-                because = tuple(each for each in proofs if each is not None)
-                found.append(Why(words.node(fact[0]), words.node(fact[2]), because))
+        found = [
+            why
+            for graph, state in states.items()
+            for why in _clashes(StoredFacts(view, OntologyAxioms.read(view, state, graph)), words)
+        ]
         return sorted(found, key=lambda each: (each.fact, each.axiom))
+
+
+def _clashes(facts: StoredFacts, words: Words) -> Iterator[Why]:
+    graph, rules = facts.ontology.graph, facts.ontology.rules.rules
+    for fact in facts.match(None, CONTRADICTION, None):
+        bodies = {frozenset(body): body for _, body in rules.reasons(facts, fact)}
+        for body in bodies.values():
+            proofs = (_proof(facts, words, each) for each in dict.fromkeys(body))
+            because = tuple(each for each in proofs if each is not None)
+            name = words.node(fact[0])
+            about = f"GRAPH {rdflib.URIRef(graph).n3()} {{ {name} }}" if graph else name
+            yield Why(about, words.node(fact[2]), because)
 
 
 def why(session: Session, text: str) -> Why:
     """Return why a triple is a fact; QueryError, or LookupError where it is none."""
     with limited(session, None):
-        view, facts = _facts(session)
+        view, states = _states(session)
+        facts = StoredFacts(view, OntologyAxioms.read(view, states[""]))
         parsed = view.parsed(f"ASK {{ {text} }}")
         terms = parsed.triple
         if terms is None:
@@ -93,11 +103,15 @@ def _proof(
     return None
 
 
-def _facts(session: Session) -> tuple[MapView, StoredFacts]:
+def _states(session: Session) -> tuple[MapView, dict[str, str]]:
+    """Return what the last run left of the map ("") and of named graphs."""
     view = MapView.of(session)
-    state = view.value("SELECT axioms FROM reasoning WHERE map_id = %s", view.number)
-    if state is None:
+    states = view.value(
+        "SELECT graphs || jsonb_build_object('', axioms) FROM reasoning WHERE map_id = %s",
+        view.number,
+    )
+    if states is None:
         raise LookupError(
             f"nothing is inferred from the map {view.name}: run semmap knowledge reason"
         )
-    return view, StoredFacts(view, OntologyAxioms.read(view, state))
+    return view, states

@@ -159,13 +159,14 @@ def compile_rules(
     *,
     built_in: frozenset[tuple[Node, Node]] = frozenset(),
     single: Callable[[str], bool] = lambda iri: False,
+    known: frozenset[Triple] = frozenset(),
     same: bool,
 ) -> Compiled:
     """Return the rules of axioms; `show` names their terms in texts.
 
     Types are told with the `built_in` pairs of a class and a superclass already. All values of a
-    `single` property are entities or literals, so that two are never one resource. `same`: with the
-    rules of equality.
+    `single` property are entities or literals, so that two are never one resource. What is `known`
+    to follow from the axioms is not stated. `same`: with the rules of equality.
     """
     facts = Facts()
     given = set(axioms)
@@ -199,7 +200,7 @@ def compile_rules(
     rules += (
         Rule("table 9", (), f, "axioms about classes and properties")
         for f in facts.all()
-        if f not in given and f[0] != f[2] and (f[0], f[2]) not in built_in
+        if f not in given | known and f[0] != f[2] and (f[0], f[2]) not in built_in
     )
     return Compiled(RuleSet(rules), classes, heads, None if everything else properties)
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import gc
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
+
+from psycopg.types.json import Jsonb
 
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import limited_view
 from semmap.knowledge.reasoning.axioms import OntologyAxioms
 from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, close, retract
+from semmap.knowledge.reasoning.rules import CONTRADICTION
 from semmap.knowledge.reasoning.store import Stored, StoredFacts
 from semmap.knowledge.reasoning.told_facts import DIRECT_TYPE, KIND, told_facts
 from semmap.knowledge.sparql.kept_queries import Session
@@ -58,22 +62,24 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
     """Bring the inferences of a map up to date; None where it is not reasoned about."""
     start = time.perf_counter()
     row = view.session.execute(
-        "SELECT axioms, cursor, at FROM reasoning WHERE map_id = %s FOR UPDATE", (view.number,)
+        "SELECT axioms, graphs, cursor, at FROM reasoning WHERE map_id = %s FOR UPDATE",
+        (view.number,),
     ).fetchone()
     if row is None:
         return None
-    state, cursor, at = row
+    state, states, cursor, at = row
     # Before the changes are read: what is committed after this is read by the next run.
     news = view.session.execute("SELECT change_cursor(), statement_timestamp()").fetchone()
     assert news is not None
-    ontology = OntologyAxioms.read(view, state)
-    changed = None
-    if ontology.is_of(state) and not complete:
-        changed = Changed.since(view, cursor, at)
-    done = None if changed is None else _consider(view, ontology, changed)
-    if done is None:
-        ontology, done = _first_run(view, ontology)
-    counts = _note(view, ontology, news, done)
+    changed = None if complete else Changed.since(view, cursor, at)
+    ontology, done = _run(view, "", state, changed)
+    if done.complete:  # what is noted begins again
+        changed, states = None, dict.fromkeys(states, "")
+    for graph in _graphs(view, states, changed):
+        of_graph, more = _run(view, graph, states.get(graph, ""), changed)
+        states[graph] = of_graph.state
+        done.include(more)
+    counts = _note(view, ontology, states, news, done)
     return Reasoned(
         done.added.total(),
         done.removed,
@@ -83,8 +89,36 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
     )
 
 
+def _run(
+    view: MapView, graph: str, state: str, changed: Changed | None
+) -> tuple[OntologyAxioms, Stored]:
+    """Bring the inferences of a graph up to date, after a run that left a state."""
+    ontology = OntologyAxioms.read(view, state, graph)
+    if changed is not None and ontology.is_of(state):
+        done = _consider(view, ontology, changed)
+        if done is not None:
+            return ontology, done
+    return _first_run(view, ontology)
+
+
+def _graphs(view: MapView, states: dict[str, str], changed: Changed | None) -> Iterable[str]:
+    """Return the named graphs to reason about: those with changes; all where these are unknown."""
+    if changed is not None and changed.graphs is not None:
+        return sorted(changed.graphs - {""})
+    rows = view.session.execute(
+        "SELECT text FROM term WHERE id IN (SELECT graph FROM triple WHERE map_id = %s "
+        "AND graph <> 0)",
+        (view.number,),
+    )
+    return sorted({*states, *(text for (text,) in rows)})
+
+
 def _note(
-    view: MapView, ontology: OntologyAxioms, news: tuple[Any, Any], done: Stored
+    view: MapView,
+    ontology: OntologyAxioms,
+    states: dict[str, str],
+    news: tuple[Any, Any],
+    done: Stored,
 ) -> tuple[int, int]:
     """Write the state of the reasoner; return the numbers of inferences and contradictions."""
     properties = sorted({p for p, _ in done.added})
@@ -93,7 +127,8 @@ def _note(
     kept = "%({0})s::text[]" if done.complete else merged
     start = "0" if done.complete else "{}"
     row = view.session.execute(
-        f"UPDATE reasoning SET axioms = %(axioms)s, cursor = %(cursor)s, at = %(at)s, "
+        f"UPDATE reasoning SET axioms = %(axioms)s, graphs = %(graphs)s, "
+        "cursor = %(cursor)s, at = %(at)s, "
         f"properties = {kept.format('properties')}, classes = {kept.format('classes')}, "
         f"inferences = {start.format('inferences')} + %(more)s, "
         f"contradictions = {start.format('contradictions')} + %(clashes)s "
@@ -101,6 +136,7 @@ def _note(
         "RETURNING inferences, contradictions".encode(),
         {
             "axioms": ontology.state,
+            "graphs": Jsonb(states),
             "cursor": news[0],
             "at": news[1],
             "properties": properties,
@@ -116,10 +152,10 @@ def _note(
 
 @dataclass(frozen=True)
 class Changed:
-    """What changed: the ids of entities, and whether other facts did."""
+    """What changed: the ids of entities, and the graphs of statements; None: perhaps all."""
 
     ids: frozenset[int]
-    others: bool
+    graphs: frozenset[str] | None
 
     @classmethod
     def since(cls, view: MapView, cursor: str, at: Any) -> Changed | None:
@@ -127,29 +163,36 @@ class Changed:
         if not view.value("SELECT reaches_back(%s)", cursor):
             return None
         ids: set[int] = set()
-        others = False
-        for what, entities in view.session.execute(
-            "SELECT what, entities FROM changes_since(%s) WHERE map_id = %s", (cursor, view.number)
+        graphs: set[str | None] = set()
+        for what, entities, facts in view.session.execute(
+            "SELECT what, entities, facts FROM changes_since(%s) WHERE map_id = %s",
+            (cursor, view.number),
         ):
-            others |= what in ("statement", "removed")
+            if what in ("statement", "removed"):
+                graphs.update([None] if facts is None else (graph for graph, *_ in facts))
             ids.update(entities)
-        for pair in view.session.execute(
-            "SELECT subject_id, object_id FROM triple WHERE map_id = %s AND until > %s "
+        for graph, *ends in view.session.execute(
+            "SELECT coalesce(g.text, ''), subject_id, object_id FROM triple t "
+            "LEFT JOIN term g ON g.id = t.graph WHERE map_id = %s AND until > %s "
             "AND until <= statement_timestamp()",
             (view.number, at),
         ):
-            others = True
-            ids.update(each for each in pair if each is not None)
-        return None if len(ids) > MANY else cls(frozenset(ids), others)
+            graphs.add(graph)
+            ids.update(each for each in ends if each is not None)
+        if len(ids) > MANY:
+            return None
+        named = frozenset(each for each in graphs if each is not None)
+        return cls(frozenset(ids), None if None in graphs else named)
 
 
 def _consider(view: MapView, ontology: OntologyAxioms, changed: Changed) -> Stored | None:
     """Store what follows from changed facts, and remove what does not; None: equality is new."""
     facts, compiled = StoredFacts(view, ontology), ontology.rules
-    if not changed.ids and not changed.others:
+    others = changed.graphs is None or ontology.graph in changed.graphs
+    if not changed.ids and not others:
         return Stored()
-    old = facts.read_told(changed.ids, others=changed.others)
-    new = set(told_facts(view, ontology, changed.ids, others=changed.others))
+    old = facts.read_told(changed.ids, others=others)
+    new = set(told_facts(view, ontology, changed.ids, others=others))
     facts.need_subjects({fact[0] for fact in old ^ new})
     typed = {f[0] for f in old ^ new if f[1] in (DIRECT_TYPE, KIND)}
     types = {entity: facts.types_of(entity) for entity in typed}
@@ -173,14 +216,24 @@ def _consider(view: MapView, ontology: OntologyAxioms, changed: Changed) -> Stor
 
 
 def _first_run(view: MapView, ontology: OntologyAxioms) -> tuple[OntologyAxioms, Stored]:
-    """Store all that follows; the rules of equality are left out as long as nothing is the same."""
-    view.session.execute("DELETE FROM inference WHERE map_id = %s", (view.number,))
+    """Store all that follows, of the map before its graphs.
+
+    The rules of equality are left out as long as nothing is the same.
+    """
+    gone = view.session.execute(
+        "WITH gone AS (DELETE FROM inference WHERE map_id = %(map)s "
+        "AND (%(graph)s::text = '' OR graph = %(graph)s) RETURNING predicate, told) "
+        "SELECT count(*), count(*) FILTER (WHERE predicate = %(clash)s) FROM gone WHERE NOT told",
+        {"map": view.number, "graph": ontology.graph, "clash": CONTRADICTION},
+    ).fetchone()
     ontology = ontology.with_equality(view, False)
     facts = _closed(view, ontology)
     if not ontology.equality and facts.infers(SAME_AS):
         ontology = ontology.with_equality(view, True)
         facts = _closed(view, ontology)
     done = facts.store()
+    if ontology.graph and gone is not None:
+        done.removed, done.clashes = gone[0], done.clashes - gone[1]
     if done.added.total() > 1_000:
         view.session.execute("ANALYZE inference")  # skipped where another role owns the table
     return ontology, done

@@ -10,6 +10,7 @@ from functools import cache
 from typing import Any
 
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.reasoning.axioms import OntologyAxioms
 from semmap.knowledge.reasoning.engine import TYPE_OF, Facts, Node, Triple
 from semmap.knowledge.reasoning.rules import CONTRADICTION
@@ -26,13 +27,23 @@ class Stored:
     clashes: int = 0  # how many contradictions there are more
     complete: bool = False  # nothing was there before
 
+    def include(self, other: Stored) -> None:
+        """Count what was written of another graph, too."""
+        self.added += other.added
+        self.removed += other.removed
+        self.clashes += other.clashes
+
 
 class StoredFacts(Facts):
-    """The facts of a map; of entities it is told the types, and those that subsume them."""
+    """The facts of a map, or of a named graph.
+
+    Of entities a map is told the types, and those that subsume them.
+    """
 
     def __init__(self, view: MapView, ontology: OntologyAxioms, *, empty: bool = False) -> None:
         super().__init__()
         self._view, self.ontology, self._empty = view, ontology, empty
+        self._place = {"map": view.number, "graph": ontology.graph or INFERRED_GRAPH}
         self._before: dict[Triple, bool] = {}
         self._touched: dict[Triple, None] = {}
         self._seen: set[object] = set()
@@ -106,9 +117,11 @@ class StoredFacts(Facts):
         if self._empty:
             return found
         with self._view.session.cursor() as cursor:
-            sql = f"SELECT {COLUMNS}, told FROM inference WHERE map_id = %(map)s AND {condition}"
-            values["map"] = self._view.number
-            for row in cursor.execute(sql.encode(), values):
+            sql = (
+                f"SELECT {COLUMNS}, told FROM inference "
+                f"WHERE map_id = %(map)s AND graph = %(graph)s AND {condition}"
+            )
+            for row in cursor.execute(sql.encode(), values | self._place):
                 fact = fact_of(row[:6])
                 found.add(fact)
                 if fact not in self._before:
@@ -191,7 +204,7 @@ class StoredFacts(Facts):
                 done.removed += 1
                 done.clashes -= fact[1] == CONTRADICTION
             if after is not None:
-                come.append((self._view.number, *columns_of(fact), after))
+                come.append((*self._place.values(), *columns_of(fact), after))
             if after is False:
                 _, verb, node = fact
                 done.added[str(verb), str(node) if verb == TYPE_OF else None] += 1
@@ -200,9 +213,9 @@ class StoredFacts(Facts):
             for by in ("subject_id", "subject"):
                 values = _columns(gone, by)
                 if values[0]:
-                    cursor.execute(_DELETE.format(by=by).encode(), (*values, self._view.number))
+                    cursor.execute(_DELETE.format(by=by).encode(), (*values, *self._place.values()))
             if come:
-                copy = f"COPY inference (map_id, {COLUMNS}, told) FROM STDIN"
+                copy = f"COPY inference (map_id, graph, {COLUMNS}, told) FROM STDIN"
                 with cursor.copy(copy.encode()) as lines:
                     for row in come:
                         lines.write_row(row)
@@ -211,8 +224,9 @@ class StoredFacts(Facts):
 
 _DELETE = (
     "DELETE FROM inference i USING unnest(%s::bigint[], %s::text[], %s::text[], %s::bigint[], "
-    f"%s::text[], %s::text[]) f ({COLUMNS}) WHERE i.map_id = %s AND i.{{by}} = f.{{by}} "
-    "AND i.predicate = f.predicate AND i.object_id IS NOT DISTINCT FROM f.object_id "
+    f"%s::text[], %s::text[]) f ({COLUMNS}) WHERE i.map_id = %s AND i.graph = %s "
+    "AND i.{by} = f.{by} AND i.predicate = f.predicate "
+    "AND i.object_id IS NOT DISTINCT FROM f.object_id "
     "AND (i.object, i.tag) IS NOT DISTINCT FROM (f.object, f.tag)"
 )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,12 @@ _OBJECTS = {
     "iri": "NULL::bigint, {}, 'I'",
     "string": f"NULL::bigint, {{}}, '{XSD}string'",
 }
+
+
+_OF_GRAPH = (
+    "a.id IN (SELECT t.id FROM triple t WHERE t.map_id = %(map)s "
+    "AND t.graph = CASE WHEN %(graph)s::text = '' THEN 0 ELSE term_id(%(graph)s) END)"
+)
 
 
 @dataclass(frozen=True)
@@ -95,15 +101,19 @@ def told_facts(
 ) -> Iterator[Triple]:
     """Yield the told facts of a map that rules are about; for types, `DIRECT_TYPE` and `KIND`.
 
+    Of the axioms of a named graph, its statements.
+
     Only of some entities, as subject or object; also of `others` than entities. Classes are those
     of other vocabularies, such as bot:Space.
     """
-    yield from _types(view, ontology.hierarchy, ids)
+    if not ontology.graph:
+        yield from _types(view, ontology.hierarchy, ids)
     rules = ontology.rules
     classes = rules.classes | rules.heads
     parts: list[str] = []
     values: dict[str, Any] = {"map": view.number, "ids": None if ids is None else list(ids)}
-    for triple in (*TOLD, *STATEMENTS_AS_TEXTS):
+    values["graph"] = ontology.graph
+    for triple in STATEMENTS_AS_TEXTS if ontology.graph else (*TOLD, *STATEMENTS_AS_TEXTS):
         about = triple.subject.form == "entity"
         if not about and not others:
             continue
@@ -111,6 +121,8 @@ def told_facts(
             continue
         name = f"names{len(parts)}"
         text, names = _select(triple, rules.properties, ids if about else None, name)
+        if triple in STATEMENTS_AS_TEXTS:
+            text += f" AND {_OF_GRAPH}" * bool(text)
         if text:
             parts.append(text)
             values[name] = names
@@ -120,7 +132,7 @@ def told_facts(
                 yield fact_of(row)
 
 
-def fact_of(row: tuple[Any, ...]) -> Triple:
+def fact_of(row: Sequence[Any]) -> Triple:
     """Return the triple of a row of `inference`: the columns from `subject_id` to `tag`."""
     subject_id, subject, verb, object_id, text, tag = row
     node: Node = object_id if object_id is not None else text if tag == "I" else (text, tag)
@@ -174,8 +186,6 @@ def _select(
         where.append(f"{local} <> ALL (%({parameter})s)")
     elif properties is not None and triple.property not in properties:
         return "", []
-    if triple in STATEMENTS_AS_TEXTS:
-        where.append("a.graph = ''")
     subject, object_ = (each.placed(OWN_LETTERS) for each in (triple.subject, triple.object))
     if ids is not None:
         either = [each.sql for each in (subject, object_) if each.form == "entity"]

@@ -8,7 +8,7 @@ from typing import Any
 
 import rdflib
 
-from semmap.knowledge.mapping import DATATYPES, INFERENCES, INFERRED_GRAPH, STATEMENTS
+from semmap.knowledge.mapping import DATATYPES, INFERRED_GRAPH, STATEMENTS
 from semmap.knowledge.sparql.constants import tag_and_text
 from semmap.knowledge.sparql.relation import Rows
 from semmap.knowledge.sparql.scope import MapGraph, Part
@@ -125,9 +125,8 @@ class TripleMatch:
         for letter, table in zip(letters, source.tables, strict=True):
             if table == "triple":
                 self._match_graph(rows, letters[letter], self._graph)
-        if triple in INFERENCES and isinstance(self._graph, str):
-            graph = Value("iri", f"'{INFERRED_GRAPH}'::text")
-            rows.bind(self._graph, graph, self.namespace)
+            elif table == "inference":
+                self._match_inferred_graph(rows, f"{letters[letter]}.graph", self._graph)
         rows.where = list(dict.fromkeys(rows.where))
         return rows
 
@@ -141,9 +140,8 @@ class TripleMatch:
             if len(self._chosen.default) > 1:
                 rows.where.append(_IN_NO_EARLIER.format(a=alias, graphs=graphs))
         elif isinstance(graph, Value):
-            iri = graph if graph.form == "resource" else as_term(graph, self.namespace)
-            known = replace(iri, form="iri", tag=None) if iri.form == "term" else iri
-            rows.where.append(same(Value("resource", f"{alias}.graph"), known, self.namespace))
+            named_as = Value("resource", f"{alias}.graph")
+            rows.where.append(same(named_as, self._name_of(graph), self.namespace))
             named = None if self._chosen is None else self._chosen.named
             if named is not None and graph.constant and graph.constant[0] not in named:
                 rows.where.append("false")
@@ -152,6 +150,26 @@ class TripleMatch:
             if self._chosen is not None:
                 rows.where.append(f"{alias}.graph = ANY ({self._numbers(self._chosen.named)})")
             rows.bind(graph, Value("resource", f"{alias}.graph"), self.namespace)
+
+    def _name_of(self, graph: Value) -> Value:
+        iri = graph if graph.form == "resource" else as_term(graph, self.namespace)
+        return replace(iri, form="iri", tag=None) if iri.form == "term" else iri
+
+    def _match_inferred_graph(self, rows: Rows, column: str, graph: Part | None) -> None:
+        """The inferences of the map are a graph by themselves, others are in the named graphs."""
+        chosen = self._chosen
+        if graph is None:
+            graphs = [INFERRED_GRAPH] if chosen is None else list(chosen.default)
+            rows.where.append(f"{column} = ANY ({self.parameters.bind(graphs, 'text[]')})")
+            return
+        value = Value("iri", column)
+        if isinstance(graph, str):
+            rows.bind(graph, value, self.namespace)
+        else:
+            rows.where.append(same(value, self._name_of(graph), self.namespace))
+        if chosen is not None:
+            named = self.parameters.bind(list(chosen.named), "text[]")
+            rows.where.append(f"{column} = ANY ({named})")
 
     def _numbers(self, iris: Iterable[str]) -> str:
         """Return the SQL of an array of the numbers of IRIs that statements have."""

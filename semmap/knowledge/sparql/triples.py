@@ -12,7 +12,6 @@ from semmap.knowledge.fields.properties import is_of_fields, is_of_voxels
 from semmap.knowledge.mapping import (
     COMPUTED,
     INFERENCES,
-    INFERRED_GRAPH,
     NODES,
     REWRITTEN,
     REWRITTEN_IN_GRAPHS,
@@ -163,12 +162,10 @@ class TriplePatterns(PropertyPaths):
     def _maps(self, verb: Part, scope: PatternScope) -> Iterable[TripleMap]:
         """Yield the triple maps of a property; all facts for a variable."""
         if not self._is_map(scope):
-            if not _is_inferred_graph(scope.graph):
-                yield from STATEMENTS
-                if isinstance(verb, Value) and any(map(self.constants.is_stated, SERIALIZATIONS)):
-                    yield from _of_property(REWRITTEN_IN_GRAPHS, verb)
-            if self._reads_inferences(scope):
-                yield from self._inferences(verb)
+            yield from STATEMENTS
+            if isinstance(verb, Value) and any(map(self.constants.is_stated, SERIALIZATIONS)):
+                yield from _of_property(REWRITTEN_IN_GRAPHS, verb)
+            yield from self._inferences(verb)
             return
         yield from self._inferences(verb)
         if isinstance(verb, str):
@@ -184,14 +181,6 @@ class TriplePatterns(PropertyPaths):
             yield from _of_property((*REWRITTEN_IN_GRAPHS, *REWRITTEN_OF_BOTH), verb)
         if known.is_foreign(iri) if is_mapped(iri) else known.is_stated(iri):
             yield from STATEMENTS
-
-    def _reads_inferences(self, scope: PatternScope) -> bool:
-        """Return whether graphs that a pattern reads have the inferences among them."""
-        if self._chosen is None:
-            return isinstance(scope.graph, str) or _is_inferred_graph(scope.graph)
-        chosen = self._chosen.default if scope.graph is None else self._chosen.named
-        named = isinstance(scope.graph, Value) and not _is_inferred_graph(scope.graph)
-        return INFERRED_GRAPH in chosen and not named
 
     def _inferences(self, verb: Part) -> Iterable[TripleMap]:
         known = self._inferred.properties
@@ -231,6 +220,8 @@ class TriplePatterns(PropertyPaths):
         for pattern in sorted(patterns, key=lambda p: len(p.maps) != 1):
             # A relation may be stated, too, and follow from several geometries.
             distinct = any(triple in _REWRITTEN_STATED for triple in pattern.maps)
+            if self._graph is None and self._chosen is not None and len(self._chosen.default) > 1:
+                distinct |= any(triple in INFERENCES for triple in pattern.maps)
             if len(pattern.maps) == 1 and not distinct:
                 (triple,) = pattern.maps
                 found = self._match(pattern, triple, aliases)
@@ -393,7 +384,3 @@ def _use_keys(part: Rows, known: Mapping[str, Value]) -> None:
 
 def _of_property(maps: Iterable[TripleMap], verb: Value) -> Iterable[TripleMap]:
     return (triple for triple in maps if verb.constant == (triple.property, "I"))
-
-
-def _is_inferred_graph(graph: Part | None) -> bool:
-    return isinstance(graph, Value) and graph.constant == (INFERRED_GRAPH, "I")

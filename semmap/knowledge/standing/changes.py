@@ -96,10 +96,11 @@ class Touched:
 _SAME = (
     "i.predicate = f.predicate AND i.object_id IS NOT DISTINCT FROM f.object_id "
     "AND (i.object, i.tag) IS NOT DISTINCT FROM (f.object, f.tag) AND NOT i.told "
-    "AND (i.object_id IS NULL OR EXISTS (SELECT FROM entity WHERE id = i.object_id))"
+    "AND (i.object_id IS NULL OR EXISTS (SELECT FROM entity WHERE id = i.object_id)) "
+    f"AND i.graph = CASE WHEN f.graph = '' THEN '{INFERRED_GRAPH}' ELSE f.graph END"
 )
 _INFERRED = (
-    "f.graph = '' AND CASE WHEN f.subject_id IS NOT NULL "
+    "CASE WHEN f.subject_id IS NOT NULL "
     f"THEN EXISTS (SELECT FROM inference i WHERE i.subject_id = f.subject_id AND {_SAME} "
     "AND EXISTS (SELECT FROM entity WHERE id = f.subject_id)) "
     "ELSE EXISTS (SELECT FROM inference i WHERE i.map_id = %(map)s::int AND i.subject = f.subject "

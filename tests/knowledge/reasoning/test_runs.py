@@ -283,6 +283,9 @@ CHANGES = (
     "{} {{ {a} a {c} }}",
     "{} {{ {a} prop:colour 'red' }}",
     "{} {{ {a} semmap:heldBy {b} }}",
+    "{} {{ GRAPH ex:g {{ {a} ex:partOf {b} }} }}",
+    "{} {{ GRAPH ex:g {{ {a} a {c} }} }}",
+    "{} {{ GRAPH ex:g {{ ex:owner a owl:InverseFunctionalProperty . {a} ex:owner {b} }} }}",
 )
 MORE_AXIOMS = """INSERT DATA {
     ex:heavy owl:onProperty ex:partOf ; owl:someValuesFrom ex:Delicate .
@@ -306,7 +309,7 @@ SQL = (
 
 def inferences(session: psycopg.Connection) -> set[tuple[object, ...]]:
     rows = session.execute(
-        "SELECT subject_id, subject, predicate, object_id, object, tag FROM inference "
+        "SELECT graph, subject_id, subject, predicate, object_id, object, tag FROM inference "
         "WHERE NOT told AND map_id = (SELECT current_map())"
     ).fetchall()
     assert len(rows) == len(set(rows))
