@@ -63,21 +63,25 @@ def _clashes(facts: StoredFacts, words: Words) -> Iterator[Why]:
 
 
 def why(session: Session, text: str) -> Why:
-    """Return why a triple is a fact; QueryError, or LookupError where it is none."""
+    """Return why a triple, or one of a graph, is a fact; QueryError, or LookupError: it is none."""
     with limited(session, None):
         view, states = _states(session)
-        facts = StoredFacts(view, OntologyAxioms.read(view, states[""]))
         parsed = view.parsed(f"ASK {{ {text} }}")
-        terms = parsed.triple
+        graph, pattern = "", parsed.algebra.p
+        if pattern.name == "Graph":
+            graph, pattern = pattern.term, pattern.p
+        terms = pattern.triples[0] if len(pattern.get("triples") or ()) == 1 else None
         if terms is None:
             raise parsed.error("this is not one triple: give subject, property and object", 0)
-        if not all(isinstance(t, (rdflib.URIRef, rdflib.Literal)) for t in terms):
+        if not all(isinstance(t, (rdflib.URIRef, rdflib.Literal)) for t in (graph, *terms) if t):
             raise parsed.error("a fact has no variables: give subject, property and object", 0)
         words = Words(view)
         constants = view.constants(terms)
         verb = constants.property(str(terms[1]))
         subject = node_of(view, terms[0], constants)
         node = node_of(view, terms[2], constants, as_type=verb == TYPE_OF)
+        ontology = OntologyAxioms.read(view, states.get(str(graph), ""), str(graph))
+        facts = StoredFacts(view, ontology)
         proof = _proof(facts, words, (subject, verb, node))
         if proof is not None:
             return proof

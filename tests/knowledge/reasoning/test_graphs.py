@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import psycopg
+import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
 from semmap.knowledge.queries import query
-from semmap.knowledge.reasoning.explanations import contradictions
+from semmap.knowledge.reasoning.engine import Triple
+from semmap.knowledge.reasoning.explanations import contradictions, why
 from semmap.knowledge.reasoning.runs import reason
 from semmap.knowledge.updates import update
 from tests.knowledge.reasoning.test_rules import (
@@ -14,7 +16,6 @@ from tests.knowledge.reasoning.test_rules import (
     EX,
     PREFIXES,
     STATED,
-    Triple,
     by_owlrl,
     plain,
     sentences,
@@ -48,6 +49,10 @@ def test_a_graph_has_what_follows_from_its_statements(changing: psycopg.Connecti
     assert not truth(changing, "GRAPH <urn:semmap:inferred> { ex:a ex:partOf ?other }")
     # No graph has facts of another one, or of the map.
     assert not truth(changing, "GRAPH ?g { ex:a ex:partOf ?far FILTER(?far IN (ex:d, ex:e)) }")
+    proof = why(changing, f"GRAPH <{EX}g> {{ <{EX}a> <{EX}partOf> <{EX}c> }}")
+    assert len(proof.because) == 2
+    with pytest.raises(LookupError, match="is not a fact"):
+        why(changing, f"GRAPH <{EX}h> {{ <{EX}a> <{EX}partOf> <{EX}c> }}")
     # The types of the map subsume others in graphs, too.
     assert truth(changing, "GRAPH ex:g { ex:a a semmap:Drinkware }")
     rows = query(changing, HERE + "SELECT ?g { GRAPH ?g { ex:a ex:partOf ex:c } }").rows
