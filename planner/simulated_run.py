@@ -45,8 +45,8 @@ _WORLDS = Path("out/missions")  # folder for the states of simulated worlds
 class SimulatedMission:
     """How a simulated mission ended; `state` is done, failed or cancelled, `reason` says why.
 
-    Each step has its action, arguments, state, times, cause and message. `found` has the answers of
-    searches by object, `assumed` the objects that were given the typical box of their type.
+    Each step has its action, arguments, state, times, cause and message. `searches` has how each
+    search ended, by object; `assumed` has the objects with the assumed box of their type.
     """
 
     mission: int
@@ -56,13 +56,23 @@ class SimulatedMission:
     world: Path  # the file with the state of the simulated world
     map: str  # in which it happened
     original: str  # the map that was asked for
-    found: dict[str, SearchResult] = field(default_factory=dict)
+    searches: dict[str, SearchResult] = field(default_factory=dict)
     assumed: list[str] = field(default_factory=list)
 
     @property
     def done(self) -> bool:
         """Whether the goal was reached."""
         return self.state == "done"
+
+    @property
+    def found(self) -> dict[str, SearchResult]:
+        """The searches that found their object, with its place."""
+        return {name: result for name, result in self.searches.items() if result.found}
+
+    @property
+    def not_found(self) -> dict[str, SearchResult]:
+        """The searches that did not find their object, with where they looked."""
+        return {name: result for name, result in self.searches.items() if not result.found}
 
     def as_json(self) -> dict[str, Any]:
         """How it ended, with its steps, as plain values."""
@@ -77,8 +87,9 @@ class SimulatedMission:
         }
         if self.assumed:
             told["assumed_sizes"] = self.assumed
-        if self.found:
-            told["found"] = {name: asdict(answer) for name, answer in self.found.items()}
+        for kind in ("found", "not_found"):
+            if results := getattr(self, kind):
+                told[kind] = {name: asdict(result) for name, result in results.items()}
         return told
 
 
@@ -173,7 +184,9 @@ class SimulatedRun:
             with closing(opened) as sim_world:
                 for spot in spots:
                     sim_world.put_object(*spot)
-                body, planner, found = self._actors(live, sim_world, robot, names, tasks, relations)
+                body, planner, searches = self._actors(
+                    live, sim_world, robot, names, tasks, relations
+                )
                 if number is None:  # at last, so that what is refused leaves no mission behind
                     number = store.add(robot, goal)
                     if self.world is None:
@@ -183,7 +196,7 @@ class SimulatedRun:
                 result = runner.run(number)
             ended = result.mission, result.state, result.reason, store.steps(number)
             where = sim_world.path, happens_in, original
-            return SimulatedMission(*ended, *where, found, assumed)
+            return SimulatedMission(*ended, *where, searches, assumed)
 
     def _check(self, seen: Snapshot, rules: Sequence[FailureRule]) -> None:
         """Raise LookupError for options that name what the map does not have."""
@@ -244,7 +257,7 @@ class SimulatedRun:
         tasks: TaskPlanner,
         relations: Sequence[tuple[str, int]],
     ) -> tuple[Any, Any, dict[str, SearchResult]]:
-        """The simulated robot, its planner, and where the answers of its searches appear."""
+        """The simulated robot, its planner, and where the ends of its searches appear."""
         motion: Any = {"speed": self.speed, "seed": self.seed}
         if not names:
             return simulated_robot(live, sim_world, robot, **motion), tasks, {}

@@ -65,8 +65,8 @@ class PlaceLook:
     """What a look showed of one place, by names of the map: the object was seen there, or not.
 
     `visible` is the share of the place that the look showed, in (0, 1]. `hit` and `false_alarm`,
-    P(seen | the object is in what was shown) and P(seen | it is not), do not age: give them only
-    for what does not move. None: those of the map, which age.
+    P(seen | the object is in what was shown) and P(seen | it is not), are those of the detector.
+    None: those of the map.
     """
 
     object: str

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from planner.route_search import seconds_between
 from planner.routing_graph import Endpoint, RoutingGraph
 from planner.search.line_of_sight import line_of_sight
-from planner.search.search_problem import SearchProblem
+from planner.search.search_problem import ELSEWHERE, SearchProblem
 from planner.search.viewpoints import Sight, choose_views, free_positions, views_from
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import OUTSIDE
@@ -21,8 +21,6 @@ from semmap.arrays import Floats
 from semmap.belief.places import BeliefPlace, sample_points
 from semmap.belief.views import visible_points
 from semmap.geometry.pose import Pose
-
-ELSEWHERE = "elsewhere"
 
 SURFACE_STEP, FLOOR_STEP = 0.12, 0.4  # metres between the points of a surface, and of a floor
 MOST_POINTS = 6000  # points; beyond, they are further apart
@@ -34,16 +32,24 @@ STANDING = 1.0  # metres from a shut container within which the robot can open i
 class Detector:
     """How well a robot recognises objects, and the worth of time.
 
-    A wrong answer costs `wrong` seconds: with more, the robot looks longer before it answers.
+    An object is found at a place if the belief there is `sure` or more. To end without that costs
+    `missed` seconds: with more, the robot looks longer before it gives up.
     """
 
     hit: float = 0.9  # P(an object is seen | it is in view)
     false_alarm: float = 0.02  # P(an object is seen where it is not)
     look: float = 3.0  # seconds of a look
-    wrong: float = 3600.0
+    missed: float = 3600.0  # seconds that a search without a find costs
+    sure: float = 0.95  # the belief in a place from which on the object is found there
+    limit: float = 3600.0  # seconds of planned steps after which a search ends
+
+    @property
+    def wrong(self) -> float:
+        """What a wrong place costs, seconds, so that it is declared from `sure` on."""
+        return self.missed / (1 - self.sure)
 
     def __post_init__(self) -> None:
-        for name in ("hit", "false_alarm"):
+        for name in ("hit", "false_alarm", "sure"):
             if not 0 < getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name):g}; give a rate in (0, 1)")
         if self.false_alarm >= self.hit:
@@ -51,7 +57,7 @@ class Detector:
                 f"false_alarm is {self.false_alarm:g}, hit {self.hit:g}; what is there must be "
                 "seen more often than what is not"
             )
-        for name in ("look", "wrong"):
+        for name in ("look", "missed", "limit"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name)} s; give a number above 0")
 
@@ -180,6 +186,7 @@ def build_search(
         np.array([detector.false_alarm]),
         detector.wrong,
         np.array([0.0 if opens is None else OPENING for _, _, opens in looks]),
+        missed=detector.missed,
     )
     share = np.append(share, 1.0)
     full = {p: belief[p] for p in wanted} | {ELSEWHERE: belief.get(ELSEWHERE, 0.0)}

@@ -32,26 +32,30 @@ LEAVES = 40  # beliefs that are expanded answer by answer
 
 @dataclass(frozen=True)
 class Option:
-    """One way to go on: the viewpoint to look from first, or None to declare now."""
+    """One way to go on: the viewpoint to look from first, or None to end now."""
 
     viewpoint: int | None
     seconds: float  # until that look ends
     chance: float  # that it shows an object not declared yet
-    cost: float  # expected seconds of the search, wrong answers included
+    cost: float  # expected seconds of the search, with what wrong and missed objects cost
 
 
 @dataclass(frozen=True)
 class Decision:
-    """The next step, where, and why: the ways to go on, the best first."""
+    """The next step, where, and why: the ways to go on, the best first.
 
-    action: Literal["go", "open", "look", "declare"]
-    viewpoint: int | None  # where to go next, by its number; None to declare now
+    To give up is to end without the place of any object: none is believed enough, and no look is
+    worth its time.
+    """
+
+    action: Literal["go", "open", "look", "declare", "give up"]
+    viewpoint: int | None  # where to go next, by its number; None to end now
     options: tuple[Option, ...]  # the best first
     tour: tuple[int, ...] = ()  # the viewpoints of the search while nothing is found
 
     @property
     def cost(self) -> float:
-        """Expected seconds of the rest of the search, wrong answers included."""
+        """Expected seconds of the rest, with what wrong and missed objects cost."""
         return self.options[0].cost
 
 
@@ -90,7 +94,8 @@ def decide(
         options = _expanded(problem, belief, at, opened, options, depth)
     best = options[0].viewpoint
     if best is None:
-        return Decision("declare", None, tuple(options))
+        found = any(place is not None for place in problem.declared(belief)[0])
+        return Decision("declare" if found else "give up", None, tuple(options))
     if best != at:
         return Decision("go", best, tuple(options), tour)
     shut = problem.opening[best] > 0 and best not in opened
@@ -103,7 +108,8 @@ def tour_seconds(problem: SearchProblem, belief: Floats, tour: Sequence[int]) ->
         return 0.0
     order = np.array([tour], np.intp)
     tours, timed = (
-        _Tours(each, belief, None, frozenset()) for each in (problem, replace(problem, wrong=0.0))
+        _Tours(each, belief, None, frozenset())
+        for each in (problem, replace(problem, wrong=0.0, missed=None))
     )
     looks = min(
         _all_looks(problem, belief), key=lambda looks: float(tours.totals(looks, order)[0, -1])
@@ -281,8 +287,10 @@ class _Tours:
         spent = np.where(alive, going_on * (leg + self.shut[to] * first + looks.seconds), np.inf)
         spent += problem.wrong * np.einsum("tlos,tlos->tl", mass[:, :-1], looks.falsely[to])
         places = np.flatnonzero(np.diff(problem.place_of, prepend=-1))  # their first spots
-        likeliest = np.add.reduceat(mass, places, axis=3).max(axis=3)
-        totals: Floats = problem.wrong * (unseen - likeliest).sum(axis=2)
+        by_place = np.add.reduceat(mass, places, axis=3)
+        declarable = problem.declarable[problem.place_of[places]]
+        likeliest = np.max(by_place, axis=3, where=declarable, initial=0.0)
+        totals: Floats = problem.cost_of_end(unseen, likeliest).sum(axis=2)
         totals[:, 1:] += np.cumsum(spent, axis=1)
         totals[:, 0] = problem.declared(belief)[1]
         return totals

@@ -16,10 +16,10 @@ from planner.mission.store.observations import read_missing, read_robot
 from planner.plan import Action, Plan
 from planner.route_search import find_route
 from planner.routing_graph import Endpoint, RoutingGraph
-from planner.search.problem_builder import ELSEWHERE, OPENING, Detector, MapSearch, build_search
+from planner.search.problem_builder import OPENING, Detector, MapSearch, build_search
 from planner.search.reader import read_believed_object, read_looks, read_opened
 from planner.search.receding_horizon import Decision, decide
-from planner.search.search_problem import NOT_SEEN
+from planner.search.search_problem import ELSEWHERE, NOT_SEEN
 from planner.search.viewpoints import Sight
 from semmap.arrays import Floats
 from semmap.error import Error
@@ -34,17 +34,25 @@ TRIES = 2  # how often a viewpoint may fail until the search does without it
 
 
 class NotFoundError(Error, ValueError):
-    """The object is not where the robot can see; the message says where it looked."""
+    """An object was not found; the message says where the robot looked, and why it ended."""
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The end of a search: the most probable place of the object."""
+    """The end of a search: the object is found at a place, or it is not found.
 
+    It is found where the belief is `sure` or more. Else `place` is only the most probable one.
+    """
+
+    found: bool
     place: str
     probability: float
+    sure: float  # from which on a place is taken for that of the object
     seen: bool  # there, during this search
     looks: int  # how many
+    looked_at: tuple[str, ...]  # the places that they showed, in their order
+    covered: float  # how much of the first belief they showed
+    reason: str  # why the search ended, as a sentence
 
 
 @dataclass(eq=False)
@@ -54,8 +62,11 @@ class _State:
     search: MapSearch
     belief: Floats
     newest: int
+    hidden: Floats  # (S,) how much of each spot no look has shown
+    looked_at: tuple[str, ...] = ()
     seen_in: frozenset[str] = frozenset()
     looks: int = 0
+    seconds: float = 0.0  # of the steps planned so far
     planned: int | None = None
     failures: int = 0
 
@@ -121,8 +132,8 @@ class SearchPlanner:
         """The way to the next look and the look; no action if the search is over.
 
         At the place `accepted` the object need not be seen; by default it need not be seen at all.
-        Raises NotFoundError: no look is worth its time any more, and the object is probably
-        elsewhere.
+        Raises NotFoundError: no place is sure enough, and no look is worth its time any more or the
+        time is over.
         """
         graph = self.live.graph.without(without)
         where = read_robot(seen, robot)
@@ -136,16 +147,18 @@ class SearchPlanner:
         search = state.search if at is not None else state.search.from_here(start)
         search = _without_failed(search, state, at)
         decision = decide(search.problem, state.belief, at, opened)
-        if decision.action == "declare":
-            decision = _with_last_look(search, state, decision, accepted)
-        if decision.action == "declare":
-            self._declare(search, state, name, decision)
+        place = _found_place(search, state, accepted)
+        if decision.action == "declare" and place is None:
+            decision = _with_last_look(decision)
+        if decision.viewpoint is None or state.seconds >= self.detector.limit:
+            self._end(search, state, name, decision, place)
             return Plan(goal, (), 0.0, 0.0)
-        assert decision.viewpoint is not None
         self._say(explain(search, state.belief, decision, opened))
         state.failures = state.failures + 1 if state.planned == decision.viewpoint else 0
         state.planned = decision.viewpoint
-        return _plan(goal, name, search, graph, start, decision, at, opened)
+        plan = _plan(goal, name, search, graph, start, decision, at, opened)
+        state.seconds += plan.seconds
+        return plan
 
     def _state(
         self, seen: Snapshot, robot: str, name: str, graph: RoutingGraph, start: Endpoint
@@ -159,7 +172,8 @@ class SearchPlanner:
         if state is None:
             search = self.begin(seen, name, start, graph)
             _, newest = read_looks(seen, name, robot, 0)
-            self._states[name] = state = _State(search, search.belief, newest)
+            hidden = np.ones(len(search.share))
+            self._states[name] = state = _State(search, search.belief, newest, hidden)
             return state
         rows, state.newest = read_looks(seen, name, robot, state.newest)
         if not rows or start.pose is None:
@@ -171,7 +185,9 @@ class SearchPlanner:
         state.looks += 1
         state.planned = None
         state.seen_in |= {where} if where is not None else frozenset()
+        state.looked_at = (*dict.fromkeys([*state.looked_at, *(row.place for row in rows)]),)
         if at is not None:
+            state.hidden = state.hidden * (1 - problem.visible[at])
             try:
                 state.belief = problem.after(state.belief, at, [answer])
             except ValueError:  # it is where no look from here should show it: begin again
@@ -179,31 +195,77 @@ class SearchPlanner:
                 return self._state(seen, robot, name, graph, start)
         return state
 
-    def _declare(self, search: MapSearch, state: _State, name: str, decision: Decision) -> None:
+    def _end(
+        self, search: MapSearch, state: _State, name: str, decision: Decision, place: str | None
+    ) -> None:
+        """Keep how the search ended; NotFoundError where the object has no place."""
         chances = search.problem.by_place(state.belief)[0]
-        best = int(chances.argmax())
-        place, chance = search.problem.places[best], float(chances[best])
-        self.answers[name] = SearchResult(place, chance, place in state.seen_in, state.looks)
-        if place == ELSEWHERE:
-            others = _likeliest(search, state.belief)
-            raise NotFoundError(
-                f"{name} was not found in {state.looks} looks: it is probably at no place of the "
-                f"map ({chance:.0%}; {others})"
+        best = int(chances.argmax()) if place is None else search.problem.places.index(place)
+        likeliest, chance = search.problem.places[best], float(chances[best])
+        covered = float((state.search.belief[0] * (1 - state.hidden)).sum())
+        if place is not None:
+            reason = explain(search, state.belief, decision, seen=place in state.seen_in)
+        else:
+            why = _why_no_look(search, decision)
+            if state.seconds >= self.detector.limit:
+                why = f"The time of the search is over ({self.detector.limit:.0f} s)"
+            reason = (
+                f"{name} was not found in {_looked_at(state, covered)}; most probable are "
+                f"{_likeliest(search, state.belief)}. {why}{_unseen(search, state.belief)}"
             )
-        self._say(explain(search, state.belief, decision))
+        self.answers[name] = SearchResult(
+            place is not None,
+            likeliest,
+            chance,
+            search.problem.sure,
+            likeliest in state.seen_in,
+            state.looks,
+            state.looked_at,
+            covered,
+            reason,
+        )
+        if place is None:
+            raise NotFoundError(reason)
+        self._say(reason)
 
 
-def _with_last_look(
-    search: MapSearch, state: _State, decision: Decision, accepted: str | None
-) -> Decision:
-    """The answer, if the object was seen there or need not be; else the best look."""
-    places, _ = search.problem.declared(state.belief)
-    if accepted in (ELSEWHERE, places[0]) or places[0] in state.seen_in:
-        return decision
+def _found_place(search: MapSearch, state: _State, accepted: str | None) -> str | None:
+    """The place at which the object is found; None if none is sure, or it must be seen there."""
+    (place,), _ = search.problem.declared(state.belief)
+    enough = accepted in (ELSEWHERE, place) or place in state.seen_in
+    return place if enough else None
+
+
+def _looked_at(state: _State, covered: float) -> str:
+    """How many looks there were, where, and how much of the belief they showed."""
+    looks = "1 look" if state.looks == 1 else f"{state.looks} looks"
+    if not state.looked_at:
+        return looks
+    shown = ", ".join(state.looked_at[:MOST_NAMES])
+    more = len(state.looked_at) - MOST_NAMES
+    shown += f" and {more} more places" if more > 0 else ""
+    return f"{looks} at {shown}, which showed {covered:.0%} of where it might be"
+
+
+def _with_last_look(decision: Decision) -> Decision:
+    """The best look, if there is one that may show the object; else to give up."""
     looks = [o for o in decision.options if o.viewpoint is not None and o.chance > LEAST_CHANCE]
     if not looks:
-        return decision
+        return replace(decision, action="give up")
     return Decision("go", looks[0].viewpoint, (looks[0], *decision.options))
+
+
+def _why_no_look(search: MapSearch, decision: Decision) -> str:
+    """Why no look is worth its time."""
+    looks = [option for option in decision.options if option.viewpoint is not None]
+    if not looks:
+        return "No pose that the robot reaches shows where else it may be"
+    best = looks[0]
+    name = search.viewpoints[best.viewpoint or 0].name
+    return (
+        f"No look is worth its time: the best, from {name}, takes {best.seconds:.0f} s and shows "
+        f"it with {best.chance:.1%}"
+    )
 
 
 def _without_failed(search: MapSearch, state: _State, at: int | None) -> MapSearch:
@@ -248,21 +310,33 @@ def _plan(
 
 
 def explain(
-    search: MapSearch, belief: Floats, decision: Decision, opened: frozenset[int] = frozenset()
+    search: MapSearch,
+    belief: Floats,
+    decision: Decision,
+    opened: frozenset[int] = frozenset(),
+    *,
+    seen: bool = False,
 ) -> str:
-    """Why a search goes on as it does, in one sentence or two; `opened` are viewpoints."""
-    name = search.problem.objects[0]
+    """Why a search goes on as it does, in one sentence or two.
+
+    `opened` are viewpoints; `seen` is whether it was seen where it is declared.
+    """
+    problem = search.problem
+    name = problem.objects[0]
+    if decision.action == "give up":
+        return f"{name}: {_likeliest(search, belief)}. {_why_no_look(search, decision)}"
     if decision.action == "declare":
-        places, cost = search.problem.declared(belief)
+        (place,), cost = problem.declared(belief)
         others = [o for o in decision.options if o.viewpoint is not None]
-        chance = float(search.problem.by_place(belief)[0].max())
-        why = f"a wrong answer costs {search.problem.wrong:.0f} s, so this one {cost:.0f} s"
+        chance = float(problem.by_place(belief)[0].max())
+        how = "seen there" if seen else f"not seen there, but {problem.sure:.0%} is sure enough"
+        why = f"a wrong place costs {problem.wrong:.0f} s, so this one {cost:.0f} s"
         if others:
             best = search.viewpoints[others[0].viewpoint or 0].name
             why += f"; to look on, from {best} first, costs {others[0].cost:.0f} s"
         else:
             why += "; no viewpoint shows where else it may be"
-        return f"{name} is at {places[0]} ({chance:.0%}): {why}{_unseen(search, belief)}"
+        return f"{name} is at {place} ({chance:.0%}; {how}): {why}{_unseen(search, belief)}"
     assert decision.viewpoint is not None
     viewpoint = search.viewpoints[decision.viewpoint]
     chosen = decision.options[0]

@@ -2,7 +2,9 @@
 
 A *spot* is a part of a place that a viewpoint sees as a whole or not at all, so that a second look
 from the same viewpoint does not find what the first could not see. The cost of a search is its
-seconds, and `wrong` seconds for each object whose place is declared wrongly.
+seconds, `wrong` seconds for each object that is declared at a wrong place, and `missed` seconds for
+each that is not found. With these two costs an object is declared from the belief `sure` on (the
+reject option of Chow, 1970).
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from planner.search.pomdp import Pomdp
 from semmap.arrays import Floats
 
 NOT_SEEN = -1  # stands for a place in the answer of a look: the object was not seen
+
+ELSEWHERE = "elsewhere"  # the place that nothing shows: at no place of the map
 
 END = "end"
 
@@ -46,12 +50,14 @@ class SearchProblem:
     false_alarm : (O,) float64
         P(an object is seen where it is not | it is not seen where it is).
     wrong : float, seconds
-        What a wrong answer for an object costs.
+        What a wrong place of an object costs.
     opening : (V,) float64, seconds
         The duration of opening what the viewpoint looks into; 0 where nothing is shut. What a
         viewpoint shows is hidden until then.
     shows : (V, O, O) float64, optional
         P(object i is not hidden | object j is in the same place), from each viewpoint.
+    missed : float, seconds, optional
+        What an object that is not found costs. Without it each object is declared somewhere.
     """
 
     objects: tuple[str, ...]
@@ -67,6 +73,7 @@ class SearchProblem:
     wrong: float
     opening: Floats
     shows: Floats | None = None
+    missed: float | None = None
 
     def __post_init__(self) -> None:
         o, p, v, s = (*map(len, (self.objects, self.places, self.viewpoints)), len(self.place_of))
@@ -89,7 +96,7 @@ class SearchProblem:
                 raise ValueError(f"{name}: its shape is {getattr(self, name).shape}; give {shape}")
         _refuse_outside("visible", self.visible, 0, 1)
         _refuse_outside("shows", self.shows, 0, 1)
-        for name in ("travel", "start", "opening", "look", "wrong"):
+        for name in ("travel", "start", "opening", "look", "wrong", "missed"):
             _refuse_outside(name, getattr(self, name), 0, np.inf)
         for name in ("hit", "false_alarm"):
             for of, rate in zip(self.objects, getattr(self, name), strict=True):
@@ -113,6 +120,18 @@ class SearchProblem:
     def memory(self) -> dict[str, Any]:
         """Results that depend on the problem alone, for solvers."""
         return {}
+
+    @property
+    def sure(self) -> float:
+        """The least belief in a place at which an object is declared there."""
+        if self.missed is None or self.missed >= self.wrong:
+            return 0.0
+        return 1 - self.missed / self.wrong
+
+    @cached_property
+    def declarable(self) -> NDArray[np.bool_]:
+        """(P,) where an object can be declared: not elsewhere, if it may remain not found."""
+        return np.array([self.missed is None or name != ELSEWHERE for name in self.places])
 
     @cached_property
     def membership(self) -> Floats:
@@ -183,11 +202,21 @@ class SearchProblem:
         after: Floats = posterior / total
         return after
 
-    def declared(self, belief: Floats) -> tuple[list[str], float]:
-        """The most likely place of each object, and what declaring them costs, seconds."""
-        chances = self.by_place(belief)
-        best = chances.argmax(axis=1)
-        return [self.places[k] for k in best], float(self.wrong * (1 - chances.max(axis=1)).sum())
+    def declared(self, belief: Floats) -> tuple[list[str | None], float]:
+        """The place of each object, None if it is not found, and what this end costs, seconds."""
+        chances = np.where(self.declarable, self.by_place(belief), 0.0)
+        best, most = chances.argmax(axis=1), chances.max(axis=1)
+        found = most >= self.sure - 1e-9
+        places = [self.places[k] if yes else None for k, yes in zip(best, found, strict=True)]
+        return places, float(self.cost_of_end(np.ones(len(most)), most).sum())
+
+    def cost_of_end(self, left: Floats, most: Floats) -> Floats:
+        """What it costs to end, seconds, in each case of `left` (...): to declare or to miss.
+
+        `left` is the probability of a case, and `most` the part of it in the likeliest place.
+        """
+        cost: Floats = self.wrong * (left - most)
+        return cost if self.missed is None else np.minimum(cost, self.missed * left)
 
 
 def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000) -> Pomdp:
@@ -250,10 +279,13 @@ def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000)
         answer[:-1][sees] = each[where[sees]]
     add("look", state, np.full(n - 1, -problem.look), answer)
     places = problem.place_of[np.array(hidden)]  # (h, O)
-    for reported in itertools.product(range(len(problem.places)), repeat=o):
-        name = " ".join(f"{x}@{problem.places[p]}" for x, p in _pairs(problem, reported))
-        errors = (places != np.array(reported)).sum(axis=1)
-        add(f"declare {name}", np.full_like(state, n - 1), -problem.wrong * errors[where])
+    missed = [] if problem.missed is None else [NOT_SEEN]
+    for reported in itertools.product([*np.flatnonzero(problem.declarable), *missed], repeat=o):
+        said = np.array(reported)
+        errors = ((places != said) & (said != NOT_SEEN)).sum(axis=1)
+        costs = problem.wrong * errors + (problem.missed or 0.0) * (said == NOT_SEEN).sum()
+        name = _answer_name(problem, reported)
+        add(f"declare {name}", np.full_like(state, n - 1), -costs[where])
 
     start = np.zeros(n)
     start[state[:, v].reshape(len(hidden), -1)[:, 0]] = [
@@ -261,13 +293,7 @@ def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000)
     ]
     likelihoods = np.stack([answer for *_, answer in actions])
     possible = np.asarray(likelihoods.any(axis=(0, 1)))
-    labels = [
-        " ".join(
-            f"no-{x}" if p == NOT_SEEN else f"{x}@{problem.places[p]}"
-            for x, p in _pairs(problem, outcome)
-        )
-        for outcome in outcomes
-    ]
+    labels = [_answer_name(problem, outcome) for outcome in outcomes]
     return Pomdp(
         (*names, END),
         tuple(name for name, *_ in actions),
@@ -276,6 +302,14 @@ def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000)
         likelihoods[:, :, possible],
         np.stack([reward for _, _, reward, _ in actions]),
         start / start.sum(),
+    )
+
+
+def _answer_name(problem: SearchProblem, answer: Sequence[int]) -> str:
+    """The places of the objects in a look or at the end, as the name of a POMDP's symbol."""
+    return " ".join(
+        f"no-{x}" if p == NOT_SEEN else f"{x}@{problem.places[p]}"
+        for x, p in _pairs(problem, answer)
     )
 
 

@@ -166,7 +166,10 @@ class SearchingRobot(SimulatedRobot):
             self._known.discard(name)
         if found is not None:
             shares[found] = max(shares.get(found, 0.0), LEAST_SHARE)
-        self._looks = tuple(PlaceLook(name, p, p == found, share) for p, share in shares.items())
+        hit, false_alarm = eyes.detector.hit, eyes.detector.false_alarm / max(len(shares), 1)
+        self._looks = tuple(  # a false alarm is at one of the places that the look shows
+            PlaceLook(name, p, p == found, share, hit, false_alarm) for p, share in shares.items()
+        )
         if found is not None:
             return None, f"{name} is seen at {found}"
         return None, f"{name} is not seen" + (f" at {', '.join([*shares][:4])}" if shares else "")

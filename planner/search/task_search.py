@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from planner.plan import Action, Plan
 from planner.readers.entity_lookup import find_entities
-from planner.search.problem_builder import ELSEWHERE
 from planner.search.reader import DOUBTED, read_doubtful, read_holder, read_kind, read_seen_by
 from planner.search.receding_horizon import decide, tour_seconds
-from planner.search.search_mission import MOST_NAMES, SearchPlanner, explain
+from planner.search.search_mission import MOST_NAMES, NotFoundError, SearchPlanner, explain
+from planner.search.search_problem import ELSEWHERE
 from planner.task_planner import TaskPlanner
 from planner.tasks.goal import Atom, Goal, parse_goal
 from planner.tasks.problem import NoPlanError
@@ -51,9 +51,10 @@ class SearchingPlanner:
         self._search.live.catch_up()
         parsed = parse_goal(goal, ((FOUND, 1), *self._relations))
         wanted = {w.text for atom in parsed.atoms if atom.relation == FOUND for w in atom.words}
-        names, doubted = objects_to_find(seen, parsed, self._search.answers)
+        missed = {name for name, answer in self._search.answers.items() if not answer.found}
+        names, doubted = objects_to_find(seen, parsed, missed)
         for name in names:
-            if name in self._search.answers:
+            if name in self._search.answers and name not in missed:
                 continue
             if read_kind(seen, name) is None:
                 raise LookupError(f"the map has no {name} any more: nothing is left to search for")
@@ -61,9 +62,14 @@ class SearchingPlanner:
             if name not in wanted and (holder == robot or read_seen_by(seen, name, robot)):
                 continue
             accepted = ELSEWHERE if name in wanted else holder
-            plan = self._search.next_steps(
-                seen, robot, name, goal, without=without, accepted=accepted
-            )
+            try:
+                plan = self._search.next_steps(
+                    seen, robot, name, goal, without=without, accepted=accepted
+                )
+            except NotFoundError:
+                if name in objects_to_find(seen, parsed, {*missed, name})[0]:
+                    raise
+                return self(seen, robot, goal, without=without, tried=tried)  # another will do
             if plan.actions:
                 return plan
         rest = [atom for atom in parsed.atoms if atom.relation != FOUND]
@@ -133,7 +139,7 @@ def plan_with_search(
         found = search.begin(seen, name, begin)
         decision = decide(found.problem, found.belief)
         reasons.append(explain(found, found.belief, decision) + DOUBTED)
-        if decision.action == "declare":
+        if decision.viewpoint is None:
             continue
         rooms = [found.viewpoints[k].name for k in decision.tour]
         seconds = tour_seconds(found.problem, found.belief, decision.tour)

@@ -1,8 +1,9 @@
-"""Random trials of a search: does the memory of looks make later searches shorter?
+"""Trials of a search: is what it finds true, and does the memory of looks make searches shorter?
 
-In a trial, an object has favourite places and moves among them between runs. Each strategy searches
-for it in every run, with the same truth. The believing one starts from what it saw in former runs,
-as the map computes it; so its first run is as long as a search without memory.
+In a trial, an object is searched for three times: it was never seen before; it is still there; it
+was moved since. Over the trials, it is at each place in turn, also at those that no look shows. The
+truth judges each end, and never the planner. The robot that remembers starts from what it saw in
+former searches, as the map computes it; so its first search is one without memory.
 """
 
 from __future__ import annotations
@@ -11,120 +12,124 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner.search.problem_builder import ELSEWHERE, MapSearch
+from planner.search.problem_builder import Detector, MapSearch
+from planner.search.reader import DOUBT
 from planner.search.receding_horizon import decide
-from planner.search.search_problem import NOT_SEEN, SearchProblem
+from planner.search.search_problem import ELSEWHERE, NOT_SEEN, SearchProblem
 from semmap.arrays import Floats
-from semmap.belief import SightingModel
+from semmap.belief import Observations
+from semmap.belief.motion import DAILY, infer_with_motion
 
-RUNS = 5  # searches of a trial
+CASES = ("never seen", "still there", "moved since")
+"""The searches of a trial, in this order."""
 
-STAYS = 0.5
-"""Probability that the object is where it was in the run before; else it is put down again."""
-
-CONCENTRATION = 0.3
-"""Of the Dirichlet distribution of favourite places: below 1, few places have most of it."""
+PAUSE = math.log(2) * DAILY.seconds
+"""Seconds between two searches of a trial: half of all objects of mobility 1 were moved since."""
 
 HISTORY = 0.5
 """Share of the prior that former places have, as in the map (`belief_model.prior_history`)."""
 
-LEAST_CHANCE = 0.002  # chance to see the object below which a search ends without it
-MOST_LOOKS = 60  # looks after which a search gives up
+AWAY = 0.1
+"""The prior of being at no place, as in the map (`belief_model.prior_elsewhere`)."""
 
+LIMIT = Detector.limit  # seconds after which a search ends
 
+RESAMPLES = 2000  # of the bootstrap, percentiles of the mean
+
+_Looks = list[tuple[int, int]]  # a viewpoint, and the place in which the object was seen
 _Decisions = dict[tuple[Any, ...], tuple[int | None, tuple[int, ...]]]
 
 
 def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
-    """The durations of searches for random objects by several strategies, in seconds.
+    """How several strategies search for the same objects: how right they are, and how fast.
 
-    For each strategy there are `seconds` and `right` (share of right answers), and for each
-    comparison the mean difference; each with the half width of its 95 % confidence interval. Fewer
-    than 2 trials, or than 2 places in view, are a ValueError.
+    For each of `CASES`, and for all together, there are the `seconds` of each strategy, the shares
+    of searches that are `right`, `wrong` (found where it is not) and `missed` (not found, but a
+    viewpoint shows it); and `slower`, by how many seconds it is slower than the robot that
+    remembers. Not to find what no viewpoint shows is right. Intervals are those of 95 %, by the
+    bootstrap of (paired) means. Fewer than 2 trials, or than 2 places, are a ValueError.
     """
     problem = search.problem
-    seen = problem.visible.max(axis=0) > 0
-    places = np.unique(problem.place_of[seen])
+    places = [k for k, name in enumerate(problem.places) if name != ELSEWHERE]
     if trials < 2 or len(places) < 2:
         raise ValueError(
-            f"{trials} trials with {len(places)} places in view; give 2 trials and 2 places or more"
+            f"{trials} trials with {len(places)} places; give 2 trials and 2 places or more"
         )
+    reached = problem.visible[np.isfinite(problem.start)]
+    shown = reached.max(axis=0, initial=0.0) > 0
+    order = np.random.default_rng(seed).permutation(places)
     decisions: _Decisions = {}  # what was decided once is decided again
-    results: dict[str, list[list[tuple[float, bool]]]] = {}
+    ends: dict[str, list[list[tuple[float, bool, bool, bool]]]] = {}
     for trial in range(trials):
         draw = np.random.default_rng([seed, trial])
-        truths = _truths(problem, search.share * seen, places, draw)
+        here, there = (_spot(search, order[(trial + k) % len(order)], draw) for k in range(2))
         strategies = {
-            "believing": _Believing(search, decisions, remembers=True),
+            "remembers": _Believing(search, decisions, remembers=True),
             "without memory": _Believing(search, decisions, remembers=False),
-            "last seen first": _LastSeenFirst(problem),
+            "last seen first": _LastSeenFirst(problem, remembers=True),
+            "nearest first": _LastSeenFirst(problem, remembers=False),
         }
         for name, strategy in strategies.items():
-            runs = []
-            for run, spot in enumerate(truths):
-                answers = np.random.default_rng([seed, trial, run])
-                cost, place = _search(problem, strategy, spot, answers)
-                runs.append((cost, place == problem.place_of[spot]))
-            results.setdefault(name, []).append(runs)
-    values = {k: np.array(v, float) for k, v in results.items()}  # (trials, runs, 2)
-    columns = {
-        "first search": values["believing"][:, :1],
-        "later searches": values["believing"][:, 1:],
-        **{name: values[name][:, 1:] for name in ("without memory", "last seen first")},
-    }
-    seconds = {name: k[:, :, 0].mean(axis=1) for name, k in columns.items()}
-    later = seconds["later searches"]
+            rows = []
+            for number, spot in enumerate((here, here, there)):
+                answers = np.random.default_rng([seed, trial, number])
+                seconds, place = _search(problem, strategy, spot, answers)
+                is_right = place == problem.place_of[spot] or (place is None and not shown[spot])
+                is_wrong = not is_right and place is not None
+                rows.append((seconds, is_right, is_wrong, not is_right and place is None))
+            ends.setdefault(name, []).append(rows)
+    values = {name: np.array(rows, float) for name, rows in ends.items()}  # (trials, cases, 4)
+    cases = {case: {n: v[:, [k]] for n, v in values.items()} for k, case in enumerate(CASES)}
     return {
         "trials": trials,
-        "runs": RUNS,
-        "strategies": {
-            name: {"seconds": _interval(seconds[name]), "right": float(k[:, :, 1].mean())}
-            for name, k in columns.items()
-        },
-        "later searches are shorter than": {
-            name: _interval(each - later)
-            for name, each in seconds.items()
-            if name != "later searches"
-        },
+        "places": len(places),
+        "cases": {case: _summary(each) for case, each in {**cases, "all": values}.items()},
     }
+
+
+def _summary(values: dict[str, Floats]) -> dict[str, dict[str, Any]]:
+    """The measures of each strategy, from seconds, right, wrong and missed (trials, cases, 4)."""
+    means = {name: value.mean(axis=1) for name, value in values.items()}
+    found: dict[str, dict[str, Any]] = {}
+    for name, (seconds, right, wrong, missed) in ((n, m.T) for n, m in means.items()):
+        found[name] = {
+            "seconds": _interval(seconds),
+            "right": float(right.mean()),
+            "wrong": float(wrong.mean()),
+            "missed": float(missed.mean()),
+        }
+        if name != "remembers":
+            found[name]["slower"] = _interval(seconds - means["remembers"][:, 0])
+    return found
 
 
 def _interval(values: Floats) -> dict[str, float]:
-    """The mean of values, and the half width of its 95 % confidence interval (Student's t)."""
-    from scipy.stats import t
+    """The mean of values, and its 95 % confidence interval (percentile bootstrap)."""
+    draw = np.random.default_rng(0)
+    rows = draw.integers(0, len(values), (RESAMPLES, len(values)))
+    low, high = np.percentile(values[rows].mean(axis=1), (2.5, 97.5))
+    return {"mean": float(values.mean()), "low": float(low), "high": float(high)}
 
-    error = values.std(ddof=1) / math.sqrt(len(values))
-    width = float(t.ppf(0.975, len(values) - 1) * error)
-    return {"mean": float(values.mean()), "half_width": width}
 
-
-def _truths(
-    problem: SearchProblem, share: Floats, places: NDArray[np.intp], draw: np.random.Generator
-) -> list[int]:
-    """The spot of the object in each run."""
-    habits = draw.dirichlet(np.full(len(places), CONCENTRATION))
-    spots: list[int] = []
-    for _ in range(RUNS):
-        if spots and draw.random() < STAYS:
-            spots.append(spots[-1])
-            continue
-        place = places[draw.choice(len(places), p=habits)]
-        weights = share * (problem.place_of == place)
-        spots.append(int(draw.choice(len(share), p=weights / weights.sum())))
-    return spots
+def _spot(search: MapSearch, place: int, draw: np.random.Generator) -> int:
+    """A spot of a place, by their shares."""
+    weights = search.share * (search.problem.place_of == place)
+    return int(draw.choice(len(weights), p=weights / weights.sum()))
 
 
 def _search(
     problem: SearchProblem, strategy: Any, spot: int, draw: np.random.Generator
-) -> tuple[float, int]:
-    """The seconds of one search, and the place that it ends with."""
+) -> tuple[float, int | None]:
+    """The seconds of one search, and the place that it finds; None if it does not find the object.
+
+    A look shows what the viewpoint shows of the true spot, at the rates of the detector.
+    """
     belief = strategy.begin()
     at: int | None = None
     seconds, opened = 0.0, set()
-    looks: list[tuple[int, int]] = []
-    while len(looks) < MOST_LOOKS:
+    looks: _Looks = []
+    while seconds < LIMIT:
         to = strategy.choose(belief, at, looks)
         if to is None:
             break
@@ -144,100 +149,119 @@ def _search(
 
 
 class _Believing:
-    """Searches by the belief that the map computes from all looks, or from none of former runs."""
+    """Searches by the belief that the map computes from all looks, or from none of former ones."""
 
     def __init__(self, search: MapSearch, decisions: _Decisions, *, remembers: bool) -> None:
         self.search, self.problem = search, search.problem
         self.decisions, self.remembers = decisions, remembers
-        self.evidence = np.zeros(len(self.problem.places))
-        self.history: list[int] = []
+        self.former: list[_Looks] = []
         self.tour: list[int] = []
 
     def begin(self) -> Floats:
-        """The belief of the map: its prior with former places, times the likelihoods of looks."""
-        problem = self.problem
-        places = [k for k, name in enumerate(problem.places) if name != ELSEWHERE]
+        """The belief of a planner that doubts what the map believes after former looks."""
         self.tour = []
-        prior = np.zeros(len(problem.places))
-        prior[places] = 1 / len(places)
-        if self.history:
-            former = np.zeros(len(problem.places))
-            moves = [p for k, p in enumerate(self.history) if k == 0 or p != self.history[k - 1]]
+        prior = self._prior()
+        rows = [
+            (place, (len(self.former) - number) * PAUSE, place == seen, share, count)
+            for number, looks in enumerate(self.former)
+            for viewpoint, seen in looks
+            for place, share, count in self._shown(viewpoint)
+        ]
+        believed = prior
+        if rows:
+            place, age, was_seen, share, count = map(np.array, zip(*rows, strict=True))
+            observations = Observations(
+                np.zeros(len(rows), np.intp),
+                place,
+                age,
+                was_seen,
+                share,
+                np.full(len(rows), self.problem.hit[0]),
+                self.problem.false_alarm[0] / count,
+            )
+            believed = infer_with_motion(prior[None], observations, [1.0])[0]
+        chances = ((1 - DOUBT) * believed + DOUBT * prior).tolist()
+        known = dict(zip(self.problem.places, chances, strict=True))
+        return self.problem.spread([known], self.search.share)
+
+    def _prior(self) -> Floats:
+        """(P,) the prior of the map, in which former places weigh more."""
+        names = self.problem.places
+        places = np.array([name != ELSEWHERE for name in names])
+        prior = places / places.sum()
+        seen = [place for looks in self.former for _, place in looks if place != NOT_SEEN]
+        moves = [p for k, p in enumerate(seen) if k == 0 or p != seen[k - 1]]
+        if moves:
+            former = np.zeros(len(names))
             for age, place in enumerate(reversed(moves), 1):
                 former[place] += 0.5**age
             prior = (1 - HISTORY) * prior + HISTORY * former / former.sum()
-        weights = np.log(np.maximum(prior, 1e-300)) + self.evidence
-        chances = np.exp(weights - weights.max())
-        chances /= chances.sum()
-        known = {name: float(chances[k]) for k, name in enumerate(problem.places)}
-        return problem.spread([known], self.search.share)
+        if places.all():
+            return np.asarray(prior)
+        return np.where(places, (1 - AWAY) * prior, AWAY)
 
-    def choose(self, belief: Floats, at: int | None, looks: list[tuple[int, int]]) -> int | None:
+    def _shown(self, viewpoint: int) -> list[tuple[int, float, int]]:
+        """The places that a look shows, the share of each, and how many they are."""
+        problem = self.problem
+        whole = self.search.share @ problem.membership
+        shares = (problem.visible[viewpoint] * self.search.share) @ problem.membership / whole
+        shown = np.flatnonzero(shares > 0)
+        return [(int(p), min(float(shares[p]), 1.0), len(shown)) for p in shown]
+
+    def choose(self, belief: Floats, at: int | None, looks: _Looks) -> int | None:
         if looks and looks[-1][1] == NOT_SEEN and self.tour:
             return self.tour.pop(0)  # the tour is the best plan as long as nothing is seen
-        seen = next((place for _, place in reversed(looks) if place != NOT_SEEN), None)
         opened = frozenset(v for v, _ in looks) if self.problem.opening.any() else frozenset()
-        key = (belief.round(9).tobytes(), at, opened, seen)
+        key = (belief.round(9).tobytes(), at, opened)
         if key not in self.decisions:
             decision = decide(self.problem, belief, at, opened, depth=0, rounds=1)
-            to = decision.viewpoint
-            if to is None and seen != self.answer(belief, looks):  # an answer must be seen
-                more = (o for o in decision.options if o.chance > LEAST_CHANCE)
-                to = next((o.viewpoint for o in more), None)
-            self.decisions[key] = to, decision.tour[1:]
+            self.decisions[key] = decision.viewpoint, decision.tour[1:]
         to, tour = self.decisions[key]
         self.tour = [*tour]
         return to
 
-    def answer(self, belief: Floats, looks: list[tuple[int, int]]) -> int:
-        return int(self.problem.by_place(belief)[0].argmax())
+    def answer(self, belief: Floats, looks: _Looks) -> int | None:
+        (place,), _ = self.problem.declared(belief)
+        return None if place is None else self.problem.places.index(place)
 
-    def end(self, looks: list[tuple[int, int]]) -> None:
-        """Remember what was seen, and what was in view and was not, at the rates of old looks."""
-        if not self.remembers:
-            return
-        problem = self.problem
-        (old_hit,), (old_alarm,) = SightingModel().rates(np.array([1e6]), np.array([1.0]))
-        whole = self.search.share @ problem.membership
-        for viewpoint, seen in looks:
-            shares = (problem.visible[viewpoint] * self.search.share) @ problem.membership / whole
-            for place in np.flatnonzero(shares > 0):
-                hit, alarm = old_hit * shares[place], old_alarm * shares[place]
-                self.evidence[place] += (
-                    math.log(hit / alarm) if place == seen else math.log((1 - hit) / (1 - alarm))
-                )
-            if seen != NOT_SEEN:
-                self.history.append(seen)
+    def end(self, looks: _Looks) -> None:
+        if self.remembers:
+            self.former.append(looks)
 
 
 class _LastSeenFirst:
-    """Looks where the object was seen last, then from the nearest viewpoint that is left."""
+    """Looks where the object was seen last, then from the nearest viewpoint that is left.
 
-    def __init__(self, problem: SearchProblem) -> None:
-        self.problem = problem
+    It is found where it was seen twice, as once may be an error. Each viewpoint has three looks.
+    """
+
+    def __init__(self, problem: SearchProblem, *, remembers: bool) -> None:
+        self.problem, self.remembers = problem, remembers
         self.last: int | None = None
         self.uniform = np.full((1, len(problem.place_of)), 1 / len(problem.place_of))
 
     def begin(self) -> Floats:
         return self.uniform
 
-    def choose(self, belief: Floats, at: int | None, looks: list[tuple[int, int]]) -> int | None:
-        sightings = [place for _, place in looks if place != NOT_SEEN]
-        if sightings and sightings.count(sightings[-1]) >= 2:
+    def choose(self, belief: Floats, at: int | None, looks: _Looks) -> int | None:
+        if self.answer(belief, looks) is not None:
             return None
         if looks and looks[-1][1] != NOT_SEEN:
-            return at  # to see it once may be an error
+            return at
         legs = self.problem.start if at is None else self.problem.travel[at]
         if not looks and self.last is not None:
             shown = self.problem.visible @ self.problem.membership[:, self.last]
             return int(np.argmax(np.where(np.isfinite(legs), shown, -1)))
-        times = np.bincount([v for v, _ in looks], minlength=len(legs))
+        times = np.bincount([v for v, _ in looks], minlength=len(legs)).astype(float)
+        times[~np.isfinite(legs)] = np.inf
         if times.min() >= 3:
             return None
         return int(np.argmin(np.where(times == times.min(), legs, np.inf)))
 
-    def answer(self, belief: Floats, looks: list[tuple[int, int]]) -> int:
-        return next((seen for _, seen in reversed(looks) if seen != NOT_SEEN), 0)
+    def answer(self, belief: Floats, looks: _Looks) -> int | None:
+        seen = [place for _, place in looks if place != NOT_SEEN]
+        return seen[-1] if seen and seen.count(seen[-1]) >= 2 else None
 
-    def end(self, looks: list[tuple[int, int]]) -> None:
-        self.last = next((seen for _, seen in reversed(looks) if seen != NOT_SEEN), self.last)
+    def end(self, looks: _Looks) -> None:
+        if self.remembers:
+            self.last = next((s for _, s in reversed(looks) if s != NOT_SEEN), self.last)

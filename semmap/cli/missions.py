@@ -73,7 +73,11 @@ def _readable(value: Any) -> str:
 class Looks:
     """What a look costs and shows."""
 
-    wrong: float = Option(3600.0, help="What a wrong answer costs, seconds; more: longer looks.")
+    missed: float = Option(
+        3600.0, help="What it costs not to find the object, seconds; more: longer searches."
+    )
+    sure: float = Option(0.95, help="Belief from which on the object is found at a place.")
+    limit: float = Option(3600.0, help="Seconds after which a search ends.")
     hit: float = Option(0.9, help="P(seen | the object is in view).")
     false_alarm: float = Option(0.02, help="P(seen | it is not there).")
     look: float = Option(3.0, help="Seconds of a look.")
@@ -87,7 +91,9 @@ class Looks:
 
         try:
             sight = Sight(height=self.camera_height, furthest=self.range_)
-            detector = Detector(self.hit, self.false_alarm, self.look, self.wrong)
+            detector = Detector(
+                self.hit, self.false_alarm, self.look, self.missed, self.sure, self.limit
+            )
         except ValueError as error:
             raise typer.BadParameter(str(error)) from None
         return {"sight": sight, "detector": detector}
@@ -156,27 +162,29 @@ def _show_tour(search: ObjectSearch) -> None:
 
 
 def _show_trials(found: dict[str, Any]) -> None:
-    """Print the durations as a table."""
-    shorter = found["later searches are shorter than"]
+    """Print how right and how fast the strategies are, as a table."""
     lines = [
         (
+            case,
             name,
             _seconds(row["seconds"]),
-            f"{row['right']:.0%}",
-            _seconds(shorter[name]) if shorter.get(name) else "",
+            *(f"{row[key]:.0%}" for key in ("right", "wrong", "missed")),
+            _seconds(row["slower"]) if "slower" in row else "",
         )
-        for name, row in found["strategies"].items()
+        for case, rows in found["cases"].items()
+        for name, row in rows.items()
     ]
-    print_folded(("strategy", "seconds", "right", "later searches are shorter by"), lines)
-    runs = found["runs"]
+    columns = ("object", "strategy", "seconds", "right", "wrong", "missed", "slower by seconds")
+    print_folded(columns, lines)
     cli.out.print(
-        f"{found['trials']} objects, {runs} searches each; means with 95 % confidence intervals",
+        f"{found['trials']} objects at {found['places']} places in turn, three searches each; "
+        "means with 95 % confidence intervals",
         style="dim",
     )
 
 
 def _seconds(interval: dict[str, float]) -> str:
-    return f"{interval['mean']:.1f} ± {interval['half_width']:.1f} s"
+    return f"{interval['mean']:.0f} ({interval['low']:.0f} to {interval['high']:.0f})"
 
 
 def _told(json_: bool) -> dict[str, Any]:
@@ -218,11 +226,10 @@ def _show_mission(ended: SimulatedMission, json_: bool) -> None:
 
 
 def _show_found(ended: SimulatedMission) -> None:
-    from planner.search.problem_builder import ELSEWHERE
-
-    for name, answer in ended.found.items():
-        if answer.place == ELSEWHERE:
-            continue
-        looks = "1 look" if answer.looks == 1 else f"{answer.looks} looks"
-        how = f"seen there, after {looks}" if answer.seen else "not seen there"
-        cli.out.print(f"{name} is at {answer.place} ({answer.probability:.0%}; {how})")
+    """Print where objects were found, or why they were not."""
+    for name, result in ended.found.items():
+        looks = "1 look" if result.looks == 1 else f"{result.looks} looks"
+        how = f"seen there, after {looks}" if result.seen else f"not seen there in {looks}"
+        cli.out.print(f"{name} is at {result.place} ({result.probability:.0%}; {how})")
+    for result in ended.not_found.values():
+        cli.out.print(result.reason, style="yellow")

@@ -41,6 +41,7 @@ def test_a_mug_behind_a_box_is_found_and_found_again_after_it_moved(url: str, tm
         )
         answer = json.loads(found.stdout)
         assert answer["state"] == "done"
+        assert "not_found" not in answer
         mug = answer["found"]["mug"]
         assert mug["seen"] or mug["looks"] == 0  # it may be sure enough without a look
         looks = [s for s in answer["steps"] if s["action"] == "look"]

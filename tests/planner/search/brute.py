@@ -58,6 +58,9 @@ def best_order(problem: SearchProblem, belief: np.ndarray, looks: int) -> float:
                 sum(u for u, p in zip(unseen, problem.place_of, strict=True) if p == k)
                 for k in range(len(problem.places))
             ]
-            cost += sum(places) * spent + problem.wrong * (sum(places) - max(places))
+            end = problem.wrong * (sum(places) - max(places))
+            if problem.missed is not None:
+                end = min(end, problem.missed * sum(places))
+            cost += sum(places) * spent + end
             best = min(best, cost)
     return best

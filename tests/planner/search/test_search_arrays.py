@@ -176,6 +176,32 @@ def test_the_penalty_decides_between_a_look_and_an_answer():
     assert decide(careful, belief).action == "go"
 
 
+def test_an_object_is_declared_from_a_belief_on_and_else_not_found():
+    problem, _ = random_search(0, wrong=100.0)
+    problem = SearchProblem(
+        **{**vars_of(problem), "missed": 5.0, "places": ("table", "shelf", "elsewhere")}
+    )
+    assert problem.sure == pytest.approx(0.95)
+    assert problem.declared(np.array([[0.95, 0.05, 0.0]])) == (["table"], pytest.approx(5.0))
+    assert problem.declared(np.array([[0.97, 0.03, 0.0]])) == (["table"], pytest.approx(3.0))
+    for unsure in ([0.94, 0.06, 0.0], [0.0, 0.0, 1.0]):  # elsewhere is never an answer
+        assert problem.declared(np.array([unsure])) == ([None], pytest.approx(5.0))
+        assert decide(problem, np.array([unsure])).action in ("give up", "go")
+    assert decide(problem, np.array([[0.0, 0.0, 1.0]])).action != "declare"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_search_that_may_end_without_a_find_is_the_best_one(seed):
+    """Both solvers agree with all orders of looks, where an object that is not found costs less."""
+    problem, belief = random_search(seed, hit=1.0, wrong=600.0, shut=seed // 2)
+    problem = SearchProblem(**{**vars_of(problem), "missed": [5.0, 30.0][seed % 2]})
+    best = best_order(problem, belief, 4)
+    assert decide(problem, belief).cost == pytest.approx(best, rel=1e-9)
+    pomdp = as_pomdp(problem, belief)
+    assert any("declare no-object0" in action for action in pomdp.actions)
+    assert -solve(pomdp).value(pomdp.start) == pytest.approx(best, rel=1e-6)
+
+
 def vars_of(problem):
     return {f: getattr(problem, f) for f in SearchProblem.__dataclass_fields__}
 

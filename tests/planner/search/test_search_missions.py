@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,7 +91,8 @@ def test_a_moved_muffin_is_found_and_what_was_seen_is_stored(clean):
     result, answers, said = search(clean, put=["muffin1 on coffee_table3"])
     assert result.state == "done"
     answer = answers["muffin1"]
-    assert (answer.place, answer.seen) == ("coffee_table3", True)
+    assert (answer.found, answer.place, answer.seen) == (True, "coffee_table3", True)
+    assert answer.probability >= answer.sure == pytest.approx(0.95)
     assert answer.looks >= 2
     assert clean.holder("muffin1") == ("coffee_table3", "on")
     rows = clean.ask(
@@ -104,7 +106,7 @@ def test_a_moved_muffin_is_found_and_what_was_seen_is_stored(clean):
     steps = clean.ask("SELECT action, state FROM mission_step ORDER BY number")
     assert [s for a, s in steps if a == "look"] == ["done"] * answer.looks
     assert "desk4" in said[0]
-    assert "a wrong answer costs 3600 s" in said[-1]
+    assert "seen there): a wrong place costs 72000 s" in said[-1]
     best = clean.ask("SELECT place FROM where_is('muffin1') LIMIT 1")
     assert best == [("coffee_table3",)]
 
@@ -141,11 +143,25 @@ def test_what_is_searched_for_is_then_fetched(clean):
 def test_an_object_that_is_nowhere_ends_the_mission_with_a_reason(clean):
     with clean.world.change() as file:
         file.execute("DELETE FROM thing WHERE name = 'muffin1'")
-    result, answers, _ = search(clean, detector=Detector(0.99, 0.001, wrong=400.0))
+    result, answers, _ = search(clean, detector=Detector(0.99, 0.001, missed=400.0))
     assert result.state == "failed"
-    assert "probably at no place" in result.reason
-    assert answers["muffin1"].place == "elsewhere"
+    answer = answers["muffin1"]
+    assert result.reason == answer.reason
+    assert "was not found in" in answer.reason
+    assert "No look is worth its time" in answer.reason
+    assert not answer.found
+    assert len(answer.looked_at) > 1
+    assert 0.5 < answer.covered < 1
     assert issubclass(NotFoundError, ValueError)
+
+
+def test_a_search_ends_when_its_time_is_over(clean):
+    with clean.world.change() as file:
+        file.execute("DELETE FROM thing WHERE name = 'muffin1'")
+    result, answers, _ = search(clean, detector=Detector(0.99, 0.001, limit=5.0))
+    assert result.state == "failed"
+    assert "The time of the search is over (5 s)" in result.reason
+    assert answers["muffin1"].looks == 1
 
 
 @pytest.fixture(scope="module")
@@ -176,19 +192,28 @@ def test_viewpoints_show_most_of_what_is_believed(office_search):
             assert shares[problem.places.index(place)] == pytest.approx(share)
 
 
-def test_later_searches_are_shorter():
+def test_what_a_search_finds_is_true_and_what_is_remembered_is_found_sooner():
+    """Places in turn, one of which no viewpoint shows: not to find the object there is right."""
+    rates = Detector()
     problem, belief = random_search(
-        4, places=10, viewpoints=10, hit=0.95, false_alarm=0.01, wrong=3600.0
+        4, places=10, viewpoints=10, hit=rates.hit, false_alarm=rates.false_alarm, wrong=rates.wrong
     )
-    found = compare(MapSearch(problem, belief, (), np.ones(10), None), 40, seed=1)
-    shorter = found["later searches are shorter than"]
-    for name in ("first search", "without memory"):
-        assert shorter[name]["mean"] > shorter[name]["half_width"], name
-    rows = found["strategies"]
-    assert rows["later searches"]["right"] >= 0.9
-    assert rows["first search"]["seconds"]["half_width"] > 0
+    visible = problem.visible.copy()
+    visible[9] = 0.0
+    problem = replace(problem, missed=rates.missed, visible=visible)
+    search = MapSearch(problem, belief, (), np.ones(10), None)
+    cases = compare(search, 40, seed=1)["cases"]
+    for case, rows in cases.items():
+        for name, row in rows.items():
+            assert row["right"] + row["wrong"] + row["missed"] == pytest.approx(1)
+            assert row["seconds"]["low"] < row["seconds"]["mean"] < row["seconds"]["high"]
+            assert row["right"] <= rows["remembers"]["right"], (case, name)
+        assert rows["remembers"]["right"] >= 0.95, case
+        assert rows["remembers"]["wrong"] <= 0.025, case
+    for name in ("without memory", "last seen first", "nearest first"):
+        assert cases["still there"][name]["slower"]["low"] > 0, name
     with pytest.raises(ValueError, match="1 trials"):
-        compare(MapSearch(problem, belief, (), np.ones(10), None), 1)
+        compare(search, 1)
 
 
 def test_a_wall_hides_what_is_behind_it():
@@ -234,7 +259,9 @@ def test_a_plan_says_that_it_searches_first(clean):
     [
         (("--hit", "1.5"), "hit is 1.5"),
         (("--false-alarm", "0.95"), "must be seen more often"),
-        (("--wrong", "-1"), "wrong is -1"),
+        (("--missed", "-1"), "missed is -1"),
+        (("--sure", "1"), "sure is 1"),
+        (("--limit", "0"), "limit is 0"),
         (("--range", "0"), "camera sees from"),
     ],
 )
