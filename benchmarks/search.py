@@ -1,16 +1,26 @@
-"""Searches: how long a policy and a step take, and the eight runs of O'Neill's thesis."""
+"""Searches: the time of a policy and a step, the runs of O'Neill's thesis, and trials in worlds.
+
+With the folder of real worlds (``SEMMAP_WORLDS``), a mug is at each place of the small house and of
+the hotel in turn, and the truth judges what each strategy finds.
+"""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+import semmap
+from benchmarks.bench_map import fresh_map
 from benchmarks.timing import Row, median_seconds, print_rows
 from planner.search.receding_horizon import decide
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
 from tests.oracles.point_based import solve
 from tests.planner.search.problems import random_search
+from tests.worlds.conftest import HOTEL, HOUSE, ROOMS
 
 __all__ = ["main", "thesis_search"]
 
@@ -96,8 +106,53 @@ def search(
     return moves, looks, int((guessed == run.truth).sum())
 
 
+WORLDS: dict[str, tuple[tuple[str | Path, ...], str]] = {
+    "small house": ((HOUSE, ROOMS), "bedroom"),
+    "hotel": ((HOTEL,), "lobby"),
+}
+"""The files of each world, and where the robot starts."""
+
+TURNS = 2  # objects at each place
+
+
+def print_trials(world: str, files: tuple[str | Path, ...], start: str) -> None:
+    """Print how right and how fast the strategies find a mug that is at each place in turn."""
+
+    def make(db: semmap.Database) -> semmap.Map:
+        for file in files:
+            db.import_file(Path(os.environ["SEMMAP_WORLDS"]) / file, map=f"search {world}")
+        return db.map(f"search {world}")
+
+    with fresh_map(f"search {world}", make) as (_, made):
+        made.add_object("mug", type="mug", size=(0.09, 0.09, 0.1), define=True)
+        search = made.search("mug", start=start)
+    found = search.compare(TURNS * (len(search.belief) - 1))
+    rows = [
+        _judged(case, name, row, strategies["last seen first"])
+        for case, strategies in found["cases"].items()
+        for name, row in strategies.items()
+    ]
+    print_rows(f"{world}: {found['trials']} mugs at {found['places']} places, 95 % intervals", rows)
+
+
+def _judged(case: str, name: str, row: dict[str, Any], simple: dict[str, Any]) -> Row:
+    shares = ", ".join(f"{row[key]:.0%} {key}" for key in ("right", "found", "wrong", "missed"))
+    ours = f"{_seconds(row['seconds'])}; {shares}"
+    if name == "remembers":
+        right = row["right"] >= max(0.95, simple["right"])
+        return Row(f"{case}: {name}", ours, "-", "95 % right, as last seen first", right)
+    slower = row["slower"]
+    required = "slower" if case == "all" else "-"
+    ok = case != "all" or slower["low"] > 0
+    return Row(f"{case}: {name}", ours, f"slower by {_seconds(slower)}", required, ok)
+
+
+def _seconds(interval: dict[str, float]) -> str:
+    return f"{interval['mean']:.0f} s ({interval['low']:.0f} to {interval['high']:.0f})"
+
+
 def main() -> None:
-    """Print the table of searches."""
+    """Print the tables of searches."""
     problem, belief = random_search(0, 2, 3, 3, hit=HIT, false_alarm=FALSE_ALARM)
     policy = median_seconds(lambda: solve(as_pomdp(problem, belief)), times=5)
     wide, beliefs = random_search(0, 20, 30, 40, hit=HIT, false_alarm=FALSE_ALARM)
@@ -138,3 +193,6 @@ def main() -> None:
     print_rows("Searches", rows)
     for run, (m, n, k) in zip(RUNS, sums, strict=True):
         print(f"  run {run.name}: {m:.2f} moves, {n:.2f} looks, {k / 2:.0%} right")
+    if "SEMMAP_WORLDS" in os.environ:
+        for world, (files, start) in WORLDS.items():
+            print_trials(world, files, start)

@@ -24,6 +24,7 @@ from semmap.geometry.pose import Pose
 
 SURFACE_STEP, FLOOR_STEP = 0.12, 0.4  # metres between the points of a surface, and of a floor
 MOST_POINTS = 6000  # points; beyond, they are further apart
+LEFT = 0.02  # share of what looks can show that a search may leave
 OPENING = 8.0  # seconds to open a container
 STANDING = 1.0  # metres from a shut container within which the robot can open it
 
@@ -33,20 +34,16 @@ class Detector:
     """How well a robot recognises objects, and the worth of time.
 
     An object is found at a place if the belief there is `sure` or more. To end without that costs
-    `missed` seconds: with more, the robot looks longer before it gives up.
+    `missed` seconds: a look is worth its time if it takes less than its chance times `missed`. By
+    default they are such that looks go on until the share `LEFT` of what they can show is left.
     """
 
     hit: float = 0.9  # P(an object is seen | it is in view)
     false_alarm: float = 0.02  # P(an object is seen where it is not)
     look: float = 3.0  # seconds of a look
-    missed: float = 3600.0  # seconds that a search without a find costs
+    missed: float | None = None  # seconds that a search without a find costs
     sure: float = 0.95  # the belief in a place from which on the object is found there
     limit: float = 3600.0  # seconds of planned steps after which a search ends
-
-    @property
-    def wrong(self) -> float:
-        """What a wrong place costs, seconds, so that it is declared from `sure` on."""
-        return self.missed / (1 - self.sure)
 
     def __post_init__(self) -> None:
         for name in ("hit", "false_alarm", "sure"):
@@ -58,7 +55,7 @@ class Detector:
                 "seen more often than what is not"
             )
         for name in ("look", "missed", "limit"):
-            if not 0 < getattr(self, name) < math.inf:
+            if getattr(self, name) is not None and not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name)} s; give a number above 0")
 
 
@@ -117,7 +114,7 @@ def build_search(
     sight: Sight | None = None,
     detector: Detector | None = None,
     shut: frozenset[str] = frozenset(),
-    most_viewpoints: int = 30,
+    most_viewpoints: int = 100,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> MapSearch:
     """The search for an object of a height, metres, whose place is believed.
@@ -184,13 +181,33 @@ def build_search(
         detector.look,
         np.array([detector.hit]),
         np.array([detector.false_alarm]),
-        detector.wrong,
+        1.0,
         np.array([0.0 if opens is None else OPENING for _, _, opens in looks]),
-        missed=detector.missed,
     )
     share = np.append(share, 1.0)
     full = {p: belief[p] for p in wanted} | {ELSEWHERE: belief.get(ELSEWHERE, 0.0)}
-    return MapSearch(problem, problem.spread([full], share), tuple(viewpoints), share, graph)
+    spread = problem.spread([full], share)
+    missed = detector.missed or _missed(problem, spread)
+    # from the belief `sure` on, a place costs less than to miss the object
+    problem = replace(problem, missed=missed, wrong=missed / (1 - detector.sure))
+    return MapSearch(problem, spread, tuple(viewpoints), share, graph)
+
+
+def _missed(problem: SearchProblem, belief: Floats) -> float:
+    """What it costs not to find the object, seconds, so that looks leave `LEFT` of their chances.
+
+    They go on until an average look, which shows `LEFT` of what it showed at first, is not worth
+    its time; each takes its share of the time from viewpoint to viewpoint, the nearest first.
+    """
+    left = np.isfinite(problem.start)
+    seconds, legs = 0.0, problem.start
+    for _ in range(int(left.sum())):
+        nearest = int(np.where(left, legs, np.inf).argmin())
+        seconds += float(legs[nearest] + problem.look + problem.opening[nearest])
+        left[nearest], legs = False, problem.travel[nearest]
+    in_view = problem.visible[np.isfinite(problem.start)].max(axis=0, initial=0.0)
+    chance = float(in_view @ belief[0])
+    return seconds / (LEFT * chance) if chance > 0 and 0 < seconds < math.inf else problem.look
 
 
 def _points(places: Sequence[BeliefPlace], height: float) -> tuple[Floats, NDArray[np.intp]]:

@@ -326,17 +326,15 @@ def explain(
     if decision.action == "give up":
         return f"{name}: {_likeliest(search, belief)}. {_why_no_look(search, decision)}"
     if decision.action == "declare":
-        (place,), cost = problem.declared(belief)
+        (place,), _ = problem.declared(belief)
         others = [o for o in decision.options if o.viewpoint is not None]
         chance = float(problem.by_place(belief)[0].max())
         how = "seen there" if seen else f"not seen there, but {problem.sure:.0%} is sure enough"
-        why = f"a wrong place costs {problem.wrong:.0f} s, so this one {cost:.0f} s"
+        why = "no viewpoint shows where else it may be"
         if others:
             best = search.viewpoints[others[0].viewpoint or 0].name
-            why += f"; to look on, from {best} first, costs {others[0].cost:.0f} s"
-        else:
-            why += "; no viewpoint shows where else it may be"
-        return f"{name} is at {place} ({chance:.0%}; {how}): {why}{_unseen(search, belief)}"
+            why = f"another look, from {best} ({others[0].seconds:.0f} s), is not worth its time"
+        return f"{name} is at {place} ({chance:.1%}; {how}): {why}{_unseen(search, belief)}"
     assert decision.viewpoint is not None
     viewpoint = search.viewpoints[decision.viewpoint]
     chosen = decision.options[0]

@@ -1,9 +1,9 @@
 """Trials of a search: is what it finds true, and does the memory of looks make searches shorter?
 
 In a trial, an object is searched for three times: it was never seen before; it is still there; it
-was moved since. Over the trials, it is at each place in turn, also at those that no look shows. The
-truth judges each end, and never the planner. The robot that remembers starts from what it saw in
-former searches, as the map computes it; so its first search is one without memory.
+was moved since. Over the trials, it is at each place in turn, anywhere in it, also where no look
+shows it. The truth judges each end, and never the planner. The robot that remembers starts from
+what it saw in former searches, as the map computes it; so its first search is one without memory.
 """
 
 from __future__ import annotations
@@ -44,20 +44,20 @@ _Decisions = dict[tuple[Any, ...], tuple[int | None, tuple[int, ...]]]
 def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
     """How several strategies search for the same objects: how right they are, and how fast.
 
-    For each of `CASES`, and for all together, there are the `seconds` of each strategy, the shares
-    of searches that are `right`, `wrong` (found where it is not) and `missed` (not found, but a
-    viewpoint shows it); and `slower`, by how many seconds it is slower than the robot that
-    remembers. Not to find what no viewpoint shows is right. Intervals are those of 95 %, by the
-    bootstrap of (paired) means. Fewer than 2 trials, or than 2 places, are a ValueError.
+    For each of `CASES`, and for all together, there are the `seconds` of each strategy, and the
+    shares of searches that have `found` the object, are `wrong` (found where it is not), or have
+    `missed` it (not found, but a viewpoint shows it). The others did not find what no viewpoint
+    shows, which is `right`, as to find it is. `slower` is by how many seconds a strategy is slower
+    than the robot that remembers. Intervals are those of 95 %, by the bootstrap of (paired) means.
+    Fewer than 2 trials, or than 2 places, are a ValueError.
     """
     problem = search.problem
+    shown = problem.visible[np.isfinite(problem.start)].max(axis=0, initial=0.0) > 0
     places = [k for k, name in enumerate(problem.places) if name != ELSEWHERE]
     if trials < 2 or len(places) < 2:
         raise ValueError(
             f"{trials} trials with {len(places)} places; give 2 trials and 2 places or more"
         )
-    reached = problem.visible[np.isfinite(problem.start)]
-    shown = reached.max(axis=0, initial=0.0) > 0
     order = np.random.default_rng(seed).permutation(places)
     decisions: _Decisions = {}  # what was decided once is decided again
     ends: dict[str, list[list[tuple[float, bool, bool, bool]]]] = {}
@@ -75,9 +75,9 @@ def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
             for number, spot in enumerate((here, here, there)):
                 answers = np.random.default_rng([seed, trial, number])
                 seconds, place = _search(problem, strategy, spot, answers)
-                is_right = place == problem.place_of[spot] or (place is None and not shown[spot])
-                is_wrong = not is_right and place is not None
-                rows.append((seconds, is_right, is_wrong, not is_right and place is None))
+                found = place == problem.place_of[spot]
+                missed = place is None and bool(shown[spot])
+                rows.append((seconds, found, not found and place is not None, missed))
             ends.setdefault(name, []).append(rows)
     values = {name: np.array(rows, float) for name, rows in ends.items()}  # (trials, cases, 4)
     cases = {case: {n: v[:, [k]] for n, v in values.items()} for k, case in enumerate(CASES)}
@@ -89,19 +89,16 @@ def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
 
 
 def _summary(values: dict[str, Floats]) -> dict[str, dict[str, Any]]:
-    """The measures of each strategy, from seconds, right, wrong and missed (trials, cases, 4)."""
-    means = {name: value.mean(axis=1) for name, value in values.items()}
-    found: dict[str, dict[str, Any]] = {}
-    for name, (seconds, right, wrong, missed) in ((n, m.T) for n, m in means.items()):
-        found[name] = {
-            "seconds": _interval(seconds),
-            "right": float(right.mean()),
-            "wrong": float(wrong.mean()),
-            "missed": float(missed.mean()),
-        }
+    """The measures of each strategy, from seconds, found, wrong and missed (trials, cases, 4)."""
+    seconds = {name: value[:, :, 0].mean(axis=1) for name, value in values.items()}
+    rows: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        found, wrong, missed = value[:, :, 1:].mean(axis=(0, 1)).tolist()
+        rows[name] = {"seconds": _interval(seconds[name]), "right": 1 - wrong - missed}
+        rows[name] |= {"found": found, "wrong": wrong, "missed": missed}
         if name != "remembers":
-            found[name]["slower"] = _interval(seconds - means["remembers"][:, 0])
-    return found
+            rows[name]["slower"] = _interval(seconds[name] - seconds["remembers"])
+    return rows
 
 
 def _interval(values: Floats) -> dict[str, float]:

@@ -73,8 +73,8 @@ def _readable(value: Any) -> str:
 class Looks:
     """What a look costs and shows."""
 
-    missed: float = Option(
-        3600.0, help="What it costs not to find the object, seconds; more: longer searches."
+    missed: float | None = Option(
+        None, help="Seconds that it costs not to find the object; by default by the map."
     )
     sure: float = Option(0.95, help="Belief from which on the object is found at a place.")
     limit: float = Option(3600.0, help="Seconds after which a search ends.")
@@ -168,13 +168,14 @@ def _show_trials(found: dict[str, Any]) -> None:
             case,
             name,
             _seconds(row["seconds"]),
-            *(f"{row[key]:.0%}" for key in ("right", "wrong", "missed")),
+            *(f"{row[key]:.0%}" for key in ("right", "found", "wrong", "missed")),
             _seconds(row["slower"]) if "slower" in row else "",
         )
         for case, rows in found["cases"].items()
         for name, row in rows.items()
     ]
-    columns = ("object", "strategy", "seconds", "right", "wrong", "missed", "slower by seconds")
+    shares = ("right", "found", "wrong", "missed")
+    columns = ("object", "strategy", "seconds", *shares, "slower by seconds")
     print_folded(columns, lines)
     cli.out.print(
         f"{found['trials']} objects at {found['places']} places in turn, three searches each; "
