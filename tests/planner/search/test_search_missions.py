@@ -239,6 +239,21 @@ def test_the_command_says_where_to_look_and_why(clean):
     assert "desk4" in found["tour"][0]["shows"]
 
 
+def test_the_command_fails_where_the_object_is_not_found(clean, tmp_path):
+    words = ("--from", "lab1", "--simulate", "--speed", 100000, "--limit", 1)
+    words += ("--put", "muffin1 on coffee_table3", "--world", tmp_path / "world.sqlite")
+    result = semmap(clean.url, "search", "muffin1", *words, "--json")
+    assert result.exit_code == 1
+    told = json.loads(result.stdout)
+    assert told["state"] == "failed"
+    assert "found" not in told
+    muffin = told["not_found"]["muffin1"]
+    assert told["reason"] == muffin["reason"]
+    assert "The time of the search is over (1 s)" in muffin["reason"]
+    assert muffin["probability"] < muffin["sure"]
+    assert muffin["looked_at"]
+
+
 def test_a_plan_says_that_it_searches_first(clean):
     clean.ask(
         "INSERT INTO observation (entity_id, place_id, seen) "  # missed, so that it is doubtful
