@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from semmap.api.checked import EntityName, Finite, Positive, Properties, checked_class
 from semmap.api.entity_collection import MapCollections
-from semmap.api.map_beliefs import MapBeliefs
 from semmap.api.map_drawing import MapDrawing
 from semmap.api.map_entity import MapEntity
 from semmap.api.map_events import MapEvents
 from semmap.api.map_export import MapExport
 from semmap.api.map_knowledge import MapKnowledge
 from semmap.api.map_manipulation import MapManipulation
-from semmap.api.map_observations import MapObservations
 from semmap.api.map_questions import aware
 from semmap.api.map_regions import MapRegions
+from semmap.api.map_sentences import MapSentences
 from semmap.api.spatial_fields import SpatialFields
 from semmap.error import InvalidArgumentError
 from semmap.snake_case import snake_case
@@ -44,9 +43,8 @@ class Map(
     MapCollections,
     MapEvents,
     MapExport,
-    MapBeliefs,
+    MapSentences,
     MapManipulation,
-    MapObservations,
     MapRegions,
     MapKnowledge,
 ):

@@ -154,14 +154,17 @@ class MapObservations(MapQuestions):
     # --- in words
 
     def teach(self, teaching: str | Path | Mapping[str, Any]) -> dict[str, int]:
-        """Teach knowledge, relations, actions, objects and where they were seen; all or nothing.
+        """Teach sentences, knowledge, relations, actions, objects and where they were seen.
 
-        Returns how many `types`, `relations`, `actions`, `objects` and `observations` were stored.
+        All is stored or nothing. Returns how many `types`, `relations`, `actions`, `objects` and
+        `observations` were stored.
 
         Parameters
         ----------
-        teaching : a JSON file, a Map.xml of the thesis, or the same as a mapping
-            (`semmap.belief.teaching.parse_teaching` describes it)
+        teaching : a sentence of `grammar` that states something, such as "the mug is on the table";
+            a JSON file, a Map.xml of the thesis, or the same as a mapping
+            (`semmap.belief.teaching.parse_teaching` describes it). A text with a space is a
+            sentence, unless it ends with .json or .xml
 
         Raises
         ------
@@ -169,13 +172,14 @@ class MapObservations(MapQuestions):
             A name or number cannot be used, or contradicts the map.
         """
         from semmap.belief.store.teaching import teach
-        from semmap.belief.teaching import parse_teaching, read_teaching
+        from semmap.belief.teaching import is_sentence, parse_teaching, read_teaching
 
-        parsed = (
-            read_teaching(Path(teaching))
-            if isinstance(teaching, str | Path)
-            else parse_teaching(teaching)
-        )
+        if is_sentence(teaching):
+            parsed = parse_teaching({"sentences": [teaching]})
+        elif isinstance(teaching, str | Path):
+            parsed = read_teaching(Path(teaching))
+        else:
+            parsed = parse_teaching(teaching)
         return teach(self.connection, parsed)
 
     def how_to(self, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:

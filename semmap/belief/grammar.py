@@ -9,17 +9,23 @@ from semmap.belief.error import BeliefError
 
 FORMATS = ("gbnf", "jsgf")
 
-SENTENCES = (
-    "where is {the} <thing>",
-    "find {the} <thing>",
-    "bring {the} <thing> to {the} <place>",
-    "go to {the} <place>",
-    "{the} <thing> is {relation} {the} <place>",
-    "{the} <thing> is a <type>",
-    "a <type> is a <type>",
-    "<action>",
-)
-"""The sentences; ``<x>`` is a name, ``{the}`` an optional article, ``{relation}`` in or on."""
+WHERE = "where is {the} <thing>"
+FIND = "find {the} <thing>"
+BRING = "bring {the} <thing> to {the} <place>"
+GO = "go to {the} <place>"
+PLACED = "{the} <thing> is {relation} {the} <place>"
+THING_IS_A = "{the} <thing> is {a} <type>"
+TYPE_IS_A = "{a} <type> is {a} <type>"
+ACTION = "<action>"
+
+SENTENCES = (WHERE, FIND, BRING, GO, PLACED, THING_IS_A, TYPE_IS_A, ACTION)
+"""The sentences; ``<x>`` is a name, ``{x}`` one of `CHOICES`."""
+
+STATEMENTS = (PLACED, THING_IS_A, TYPE_IS_A)
+"""Those that teach; the others ask for an answer, a plan or a route."""
+
+CHOICES = {"the": ("", "the"), "a": ("a", "an"), "relation": ("in", "on")}
+"""The words that may stand for ``{x}``; an empty one may be left out."""
 
 LISTS = {"thing": "things", "place": "places", "type": "types", "action": "actions"}
 
@@ -71,9 +77,11 @@ def spoken(name: str) -> str:
 
 
 def _jsgf(sentences: Sequence[str], lists: Mapping[str, Sequence[str]]) -> str:
-    body = " | ".join(
-        s.replace("{the}", "[the]").replace("{relation}", "(in | on)") for s in sentences
-    )
+    choices = {
+        name: f"[{words[1]}]" if words[0] == "" else f"({' | '.join(words)})"
+        for name, words in CHOICES.items()
+    }
+    body = " | ".join(sentence.format_map(choices) for sentence in sentences)
     rules = [f"<{rule}> = {' | '.join(words)};" for rule, words in lists.items()]
     return "\n".join(["#JSGF V1.0;", "grammar semmap;", f"public <command> = {body};", *rules])
 
@@ -81,8 +89,9 @@ def _jsgf(sentences: Sequence[str], lists: Mapping[str, Sequence[str]]) -> str:
 def _gbnf(sentences: Sequence[str], lists: Mapping[str, Sequence[str]]) -> str:
     rules = ["root ::= command"]
     rules.append("command ::= " + " | ".join(map(_gbnf_sentence, sentences)))
-    if any("{relation}" in sentence for sentence in sentences):
-        rules.append('relation ::= "in" | "on"')
+    for choice in ("relation", "a"):
+        if any(f"{{{choice}}}" in sentence for sentence in sentences):
+            rules.append(f"{choice} ::= {' | '.join(map(_quoted, CHOICES[choice]))}")
     rules += [
         f"{rule} ::= {' | '.join(_quoted(word) for word in words)}" for rule, words in lists.items()
     ]
@@ -92,13 +101,11 @@ def _gbnf(sentences: Sequence[str], lists: Mapping[str, Sequence[str]]) -> str:
 def _gbnf_sentence(sentence: str) -> str:
     """Words as terminals, with the spaces that belong to them."""
     parts = []
-    for part in re.findall(r"<\w+>|\{the\} ?|\{relation\}|[^<{]+", sentence):
-        if part.startswith("<"):
-            parts.append(part[1:-1])
-        elif part.startswith("{the}"):
+    for part in re.findall(r"<\w+>|\{the\} ?|\{\w+\}|[^<{]+", sentence):
+        if part.startswith("{the}"):
             parts.append('("the ")?')
-        elif part == "{relation}":
-            parts.append("relation")
+        elif part[0] in "<{":
+            parts.append(part[1:-1])
         else:
             parts.append(_quoted(part))
     return " ".join(parts)

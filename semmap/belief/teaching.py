@@ -37,7 +37,7 @@ ALIASES = {
 }
 """Names of the thesis, and ours for them."""
 
-PARTS = ("knowledge", "relations", "actions", "objects", "observations", "model")
+PARTS = ("sentences", "knowledge", "relations", "actions", "objects", "observations", "model")
 MODEL = (
     "there",
     "elsewhere",
@@ -62,11 +62,16 @@ class Knowledge:
 
 @dataclass(frozen=True)
 class KnownRelation:
-    """A directed relation: subject, its name, object, such as coke isA sodacan."""
+    """A directed relation: subject, its name, object, such as coke isA sodacan.
+
+    A name may be that of an entity and of a class. It is the entity, unless the relation is
+    `of_classes`.
+    """
 
     subject: str
     relation: str
     object: str
+    of_classes: bool = field(default=False, repr=False)
 
     def __str__(self) -> str:
         return f"{self.subject} {self.relation} {self.object}"
@@ -97,7 +102,10 @@ class TaughtObject:
 
 @dataclass(frozen=True)
 class Teaching:
-    """All that one message or file teaches; `model` has numbers of the table ``belief_model``."""
+    """All that one message or file teaches; `model` has numbers of the table ``belief_model``.
+
+    `sentences` are statements of the map's grammar, which the map's names give their meaning.
+    """
 
     knowledge: tuple[Knowledge, ...] = ()
     relations: tuple[KnownRelation, ...] = ()
@@ -105,6 +113,18 @@ class Teaching:
     objects: tuple[TaughtObject, ...] = ()
     observations: tuple[Row, ...] = ()
     model: dict[str, float] = field(default_factory=dict)
+    sentences: tuple[str, ...] = ()
+
+
+def is_sentence(teaching: Any) -> bool:
+    """Whether a teaching is a sentence and not the name of a file: it has a space and no ending.
+
+    >>> is_sentence("the mug is on the table"), is_sentence("my kitchen.json")
+    (True, False)
+    """
+    if not isinstance(teaching, str) or " " not in teaching.strip():
+        return False
+    return Path(teaching).suffix.lower() not in (".json", ".xml")
 
 
 def is_a(relation: str) -> bool:
@@ -138,11 +158,12 @@ def read_teaching(path: Path) -> Teaching:
 def parse_teaching(data: Any, where: str = "teaching") -> Teaching:
     """Return a teaching from plain data, as JSON has it; `where` begins messages, such as the file.
 
-    `data` is a mapping with any of `knowledge` (name, properties), `relations` (subject, relation,
-    object), `actions` (action, cause, effect), `objects` (name, class, base_area, volume, mobility,
-    properties, occurrences), `observations` and `model`. The names of the thesis are accepted, too:
-    directedRelations (master, action, slave), actions (action, instance1, instance2), objs (name,
-    clas, base_area, volume, occurrences).
+    `data` is a mapping with any of `sentences` (of the map's grammar, which state something),
+    `knowledge` (name, properties), `relations` (subject, relation, object), `actions` (action,
+    cause, effect), `objects` (name, class, base_area, volume, mobility, properties, occurrences),
+    `observations` and `model`. The names of the thesis are accepted, too: directedRelations
+    (master, action, slave), actions (action, instance1, instance2), objs (name, clas, base_area,
+    volume, occurrences).
 
     Raises
     ------
@@ -155,7 +176,7 @@ def parse_teaching(data: Any, where: str = "teaching") -> Teaching:
     ... # doctest: +NORMALIZE_WHITESPACE
     Teaching(knowledge=(),
              relations=(KnownRelation(subject='coke', relation='isA', object='sodacan'),),
-             actions=(), objects=(), observations=(), model={})
+             actions=(), objects=(), observations=(), model={}, sentences=())
     """
     given = _renamed(data, where)
     _only(given, PARTS, where)
@@ -166,6 +187,7 @@ def parse_teaching(data: Any, where: str = "teaching") -> Teaching:
         _each(given, "objects", where, _object),
         _each(given, "observations", where, _occurrence),
         _model(given.get("model", {}), where),
+        _sentences(given.get("sentences", []), where),
     )
     if teaching == Teaching():
         raise BeliefError(f"{where}: teaches nothing: give any of {', '.join(PARTS)}")
@@ -264,6 +286,15 @@ def _occurrence(row: Row, where: str) -> Row:
                 f"{where}: at is {found['at']}: give seconds since 1970, or ISO 8601"
             ) from None
     return found
+
+
+def _sentences(given: Any, where: str) -> tuple[str, ...]:
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        raise BeliefError(f"{where}: sentences is {given!r}: give a list")
+    for number, sentence in enumerate(given, 1):
+        if not isinstance(sentence, str) or not sentence.strip():
+            raise BeliefError(f"{where}: sentences {number} is {sentence!r}: give a text")
+    return tuple(given)
 
 
 def _model(given: Any, where: str) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The commands `semmap teach`, `observe`, `where` and `belief`."""
+"""The commands `semmap teach`, `ask`, `observe`, `where` and `belief`."""
 
 from __future__ import annotations
 
@@ -27,24 +27,37 @@ DETECTION = "TYPE=X,Y,Z[,W,D,H]"
 @command_of("Map.teach", teaching=None)
 def teach_command(
     call: MethodCall,
-    files: list[Path] = Argument(help="JSON or Map.xml; - for standard input."),
+    files: list[str] = Argument(
+        help="JSON or Map.xml, or a sentence in quotation marks; - for standard input."
+    ),
     json_: Json = False,
 ) -> None:
-    """Teach the map: knowledge, relations, actions, objects and where they were seen.
+    """Teach the map: sentences, knowledge, relations, actions, objects and where they were seen.
 
     Each file is stored as a whole or not at all.
+
+    semmap teach breakfast.json; semmap teach "the mug is on the table"
     """
     counts: list[dict[str, Any]] = []
-    for path in files:
-        stdin = str(path) == "-"
-        given = json_value(sys.stdin.read(), "standard input") if stdin else path
-        counts.append({"file": str(path)} | call(teaching=given))
+    for text in files:
+        given = json_value(sys.stdin.read(), "standard input") if text == "-" else text
+        counts.append({"file": text} | call(teaching=given))
     if json_:
         print_json(counts)
         return
     for count in counts:
         parts = [f"{n} {part}" for part, n in count.items() if part != "file" and n]
         print(f"{count['file']}: {', '.join(parts) or 'nothing new'}")
+
+
+@command_of("Map.ask", start="--from")
+def ask_command(call: MethodCall, json_: Json = False) -> None:
+    """Answer a sentence of the map's grammar: a question, a command or a statement.
+
+    semmap ask "where is the mug"; semmap ask "bring the mug to the kitchen"
+    """
+    answer = call()
+    print_json(answer.as_json()) if json_ else print(answer.text)
 
 
 @command_of("Map.beliefs", names="NAME...", moves="SECONDS")

@@ -135,7 +135,7 @@ def seen_at(name: str, **occurrence: Any) -> dict[str, Any]:
         ({"model": {"there": 1.05}}, "belief model rates are between 0 and 1"),
         ({"model": {"seconds": "soon"}}, "seconds is 'soon': give a number"),
         ({"model": {"speed": 1}}, "speed is not one of there"),
-        ({"observation": []}, "observation is not one of knowledge"),
+        ({"observation": []}, "observation is not one of sentences"),
         ({}, "teaches nothing"),
         ([], r"is \[\]: give a text, a path or a mapping"),
     ],

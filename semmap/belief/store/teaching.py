@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import psycopg
@@ -10,6 +11,7 @@ from psycopg import errors, sql
 from psycopg.types.json import Jsonb
 
 from semmap.belief.error import BeliefError
+from semmap.belief.sentences import understand
 from semmap.belief.store.beliefs import add_observations, refusal
 from semmap.belief.teaching import (
     KnownAction,
@@ -27,6 +29,18 @@ from semmap.suggestions import misspelt, suggestion
 
 PLACED = ("in", "on", "is_in", "is_on")
 """Relations that say where an object is: they are sightings."""
+
+PLACES = """
+SELECT e.name FROM entity e LEFT JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = current_map() AND (
+    e.kind IN ('room', 'storey', 'region')
+    OR e.kind = 'object' AND ST_Area(w.footprint) >= 0.02 AND e.type IN (
+        SELECT sub FROM type_closure
+        WHERE super IN ('furniture', 'fixture', 'appliance', 'container'))
+    OR e.id IN (SELECT place_id FROM belief))
+ORDER BY 1
+"""
+"""Rooms, and what `places_for` offers to objects; also before there is a belief about one."""
 
 FOUND_IN = "found_in"
 """The relation of a thing or a class to where it is usually found: a part of the prior."""
@@ -46,7 +60,7 @@ def teach(session: psycopg.Connection[Any], teaching: Teaching) -> dict[str, int
     """
     try:
         with session.transaction():
-            return _Lesson(session).store(teaching)
+            return _Lesson(session).store(_with_relations(session, teaching))
     except errors.CheckViolation as error:
         raise refusal(error) from error
     except errors.DataError as error:
@@ -73,13 +87,14 @@ def how_to(seen: Snapshot, goal: str, given: Sequence[str] = ()) -> list[KnownAc
 
 def vocabulary(seen: Snapshot) -> dict[str, list[str]]:
     """Return the names that a grammar needs: `things`, `places`, `types` and `actions`."""
-    session = seen.session
+    return _vocabulary(seen.session)
+
+
+def _vocabulary(session: psycopg.Connection[Any]) -> dict[str, list[str]]:
     queries = {
         "things": "SELECT name FROM entity WHERE map_id = current_map() "
         "AND kind IN ('object', 'agent') ORDER BY 1",
-        "places": "SELECT name FROM entity WHERE map_id = current_map() "
-        "AND kind IN ('room', 'storey', 'region') UNION SELECT e.name FROM belief b "
-        "JOIN entity e ON e.id = b.place_id AND e.map_id = current_map() ORDER BY 1",
+        "places": PLACES,
         "types": "SELECT name FROM semantic_type ORDER BY 1",
         "actions": "SELECT DISTINCT action FROM taught_action WHERE map_id = current_map() "
         "ORDER BY 1",
@@ -87,6 +102,15 @@ def vocabulary(seen: Snapshot) -> dict[str, list[str]]:
     return {
         key: [row[0] for row in session.execute(query).fetchall()] for key, query in queries.items()
     }
+
+
+def _with_relations(session: psycopg.Connection[Any], teaching: Teaching) -> Teaching:
+    """The teaching with the relations that its sentences state."""
+    if not teaching.sentences:
+        return teaching
+    names = _vocabulary(session)
+    stated = tuple(understand(text, names).stated for text in teaching.sentences)
+    return replace(teaching, relations=teaching.relations + stated)
 
 
 class _Lesson:
@@ -240,10 +264,11 @@ class _Lesson:
         """Subsumption of types, then the types of entities."""
         pairs = []
         for relation in relations:
-            sub, above = self.resolved(relation.subject), self._type(relation.object, relation)
-            if sub in self.kinds:
+            above = self._type(relation.object, relation)
+            if self._is_of_entity(relation):
                 continue
-            if (above, sub) in self.closure:
+            sub = snake_case(relation.subject)
+            if (above, sub) in self.closure and above != sub:
                 raise BeliefError(
                     f"{relation}: contradicts the map, where {above} is a kind of {sub}"
                 )
@@ -258,8 +283,12 @@ class _Lesson:
             self._read_types()
             self._check_kinds({sub for sub, _ in pairs})
         for relation in relations:
-            if self.resolved(relation.subject) in self.kinds:
+            if self._is_of_entity(relation):
                 self._set_type(relation.subject, snake_case(relation.object))
+
+    def _is_of_entity(self, relation: KnownRelation) -> bool:
+        """Whether the subject is an entity, and not a class; LookupError if it is neither."""
+        return not relation.of_classes and self.resolved(relation.subject) in self.kinds
 
     def _check_kinds(self, names: set[str]) -> None:
         """A type is for entities of one kind, as are its subtypes and the entities of it."""
