@@ -47,6 +47,9 @@ GRANT INSERT (resource_id, robot_id, expires), UPDATE (robot_id, expires), DELET
 -- It stores what it observed, and what it is taught of relations and actions; the T-Box stays as it is.
 GRANT INSERT (entity_id, place_id, at, seen, inside, position, visible, hit, false_alarm, observer_id) ON observation TO semmap_robot;
 GRANT INSERT ON taught_relation, taught_action TO semmap_robot;
+GRANT INSERT (map_id, name) ON teaching TO semmap_robot;
+-- Triggers note what a teaching changes; a robot notes what it teaches again, which changes nothing.
+GRANT INSERT (teaching_id, of_table, key, what, former, taught) ON taught_fact TO semmap_robot;
 -- It stores what it knows and learns of manipulation; triggers count outcomes, and an admin decides whom to trust.
 GRANT INSERT ON device, gripper, automaton, object_model, object_mesh, action_step, path TO semmap_robot;
 GRANT UPDATE (shape, size, shape_pose, inliers, deviation) ON object_model TO semmap_robot;
@@ -69,7 +72,7 @@ DECLARE
     name text;
 BEGIN
     FOREACH name IN ARRAY ARRAY['entity', 'placement', 'entity_model', 'model', 'chunk', 'support_surface', 'region', 'link',
-                                'mission', 'mission_step', 'reservation', 'robot_class', 'task'] LOOP
+                                'mission', 'mission_step', 'reservation', 'robot_class', 'task', 'taught_fact'] LOOP
         EXECUTE format('ALTER TABLE %I ENABLE ROW LEVEL SECURITY', name);
         EXECUTE format('CREATE POLICY read_all ON %I FOR SELECT USING (true)', name);
         EXECUTE format('CREATE POLICY admin_all ON %I TO semmap_admin USING (true) WITH CHECK (true)', name);
@@ -104,6 +107,7 @@ CREATE POLICY robot_redraws ON region FOR UPDATE TO semmap_robot
     USING ((SELECT kind FROM entity e WHERE e.id = entity_id) = 'region');
 CREATE POLICY robot_reshapes ON entity_model FOR DELETE TO semmap_robot
     USING ((SELECT kind FROM entity e WHERE e.id = entity_id) = 'region');
+CREATE POLICY robot_restates ON taught_fact FOR INSERT TO semmap_robot WITH CHECK (former = taught);
 CREATE POLICY robot_links ON link FOR INSERT TO semmap_robot
     WITH CHECK ((SELECT kind FROM entity e WHERE e.id = from_id) IN ('object', 'region', 'agent'));
 
@@ -159,6 +163,7 @@ BEGIN
             ('derive_again', ARRAY['semmap_admin']), ('follow_change', ARRAY['semmap_admin']), ('recognise_parts', ARRAY['semmap_admin']),
             ('put_door', ARRAY['semmap_admin']), ('turn_to', ARRAY['semmap_admin']), ('fit_shape', ARRAY['semmap_admin']),
             ('settle', ARRAY['semmap_reader', 'semmap_robot', 'semmap_admin']),
+            ('undo_teaching', ARRAY['semmap_admin']),
             ('refresh_belief', ARRAY['semmap_robot', 'semmap_admin']), ('refresh_beliefs', ARRAY['semmap_robot', 'semmap_admin']),
             ('end_idle_robots', ARRAY['semmap_robot', 'semmap_admin']), ('robot_wastes_turn', ARRAY['semmap_robot', 'semmap_admin']),
             ('hold_still', ARRAY['semmap_robot', 'semmap_admin']), ('queue_writer', ARRAY['semmap_robot', 'semmap_admin']),

@@ -175,12 +175,38 @@ class MapObservations(MapQuestions):
         from semmap.belief.teaching import is_sentence, parse_teaching, read_teaching
 
         if is_sentence(teaching):
-            parsed = parse_teaching({"sentences": [teaching]})
+            parsed, name = parse_teaching({"sentences": [teaching]}), str(teaching)
         elif isinstance(teaching, str | Path):
-            parsed = read_teaching(Path(teaching))
+            parsed, name = read_teaching(Path(teaching)), Path(teaching).name
         else:
-            parsed = parse_teaching(teaching)
-        return teach(self.connection, parsed)
+            parsed, name = parse_teaching(teaching), "teaching"
+        return teach(self.connection, parsed, name)
+
+    def list_teachings(self) -> list[dict[str, Any]]:
+        """What was taught to the map, the newest first: `id`, `name`, `facts`, `by` and `at`."""
+        from semmap.belief.store.taught_facts import list_teachings
+
+        with self.snapshot() as seen:
+            return list_teachings(seen.session)
+
+    def undo_teaching(self, teaching: int) -> list[str]:
+        """Take a teaching back: all that it added or changed is as it was before.
+
+        What another teaching states, too, stays. What others use or changed since stays as well,
+        and is returned: such as a class of which there are other objects.
+
+        Parameters
+        ----------
+        teaching : its `id` of `list_teachings`
+
+        Raises
+        ------
+        LookupError, ValueError
+            The map has no such teaching, or this login may not take it back.
+        """
+        from semmap.belief.store.taught_facts import undo_teaching
+
+        return undo_teaching(self.connection, teaching)
 
     def how_to(self, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:
         """The shortest chain of taught actions that brings about a goal, the first one first.

@@ -43,7 +43,8 @@ class Sentence:
                 + " or ".join(f'"{_plain(form)}"' for form in STATEMENTS)
             )
         subject, other = self.names
-        return KnownRelation(subject, self.relation or "isA", other, self.form == TYPE_IS_A)
+        relation = self.relation or "isA"
+        return KnownRelation(subject, relation, other, of_classes=self.form == TYPE_IS_A)
 
     def __str__(self) -> str:
         """The sentence, with the names as the map writes them."""

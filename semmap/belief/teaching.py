@@ -71,7 +71,7 @@ class KnownRelation:
     subject: str
     relation: str
     object: str
-    of_classes: bool = field(default=False, repr=False)
+    of_classes: bool = field(default=False, repr=False, kw_only=True)
 
     def __str__(self) -> str:
         return f"{self.subject} {self.relation} {self.object}"
@@ -234,7 +234,8 @@ def _relation(row: Row, where: str) -> KnownRelation:
     if "relation" not in row and "action" in row:
         row = {("relation" if key == "action" else key): value for key, value in row.items()}
     _only(row, ("subject", "relation", "object"), where)
-    found = KnownRelation(*(_name(row, key, where) for key in ("subject", "relation", "object")))
+    subject, name, other = (_name(row, key, where) for key in ("subject", "relation", "object"))
+    found = KnownRelation(subject, name, other)
     if found.subject == found.object:
         raise BeliefError(f"{where}: {found}: a relation is between two names")
     return found

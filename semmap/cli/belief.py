@@ -180,6 +180,11 @@ def _how(call: MethodCall, json_: Json = False) -> None:
     show_table(rows, json_, ("action", "cause", "effect"))
 
 
+def _show_kept(kept: Sequence[str]) -> None:
+    """Print that a teaching was taken back, and what stays."""
+    print("taken back" + (f"; used or changed since, and kept: {', '.join(kept)}" if kept else ""))
+
+
 @command_of("Map.identify", detections=f"{DETECTION}...", moves="SECONDS")
 def _identify(call: MethodCall, json_: Json = False) -> None:
     """Tell which known objects were detected, perhaps moved, and which are new.
@@ -207,6 +212,8 @@ belief_command = group(
     printed("Map.initial_belief", print_json, names="NAME..."),
     _how,
     _identify,
+    printed("Map.list_teachings", ("id", "name", "facts", "by", "at")),
+    printed("Map.undo_teaching", _show_kept),
     printed("Map.grammar", "{0}", format="--format"),
     printed(
         "Map.belief_field",

@@ -182,6 +182,7 @@ PLAIN = (
     "Picture",
     "Reasoned",
     "RobotClass",
+    "SentenceAnswer",
     "SimulatedMission",
     "SqlRows",
     "Violation",

@@ -59,6 +59,7 @@ CALLS: dict[str, set[str]] = {
     "prune_changes()": {"admin"},
     "prune_observations()": {"admin"},
     "prune_terms()": {"admin"},
+    "undo_teaching(0)": {"admin"},
     "term_ids('{{urn:a}}', '{{I}}')": WRITERS,
     "follow_sighting({mug})": set(),
     "prune_history()": {"admin"},

@@ -13,6 +13,7 @@ from psycopg.types.json import Jsonb
 from semmap.belief.error import BeliefError
 from semmap.belief.sentences import understand
 from semmap.belief.store.beliefs import add_observations, refusal
+from semmap.belief.store.taught_facts import noted, restate
 from semmap.belief.teaching import (
     KnownAction,
     KnownRelation,
@@ -26,6 +27,8 @@ from semmap.query.refusal import denied
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case
 from semmap.suggestions import misspelt, suggestion
+
+Row = dict[str, Any]
 
 PLACED = ("in", "on", "is_in", "is_on")
 """Relations that say where an object is: they are sightings."""
@@ -49,8 +52,10 @@ FIT = 1.05
 """How much larger than its geometry an object may be taught to be."""
 
 
-def teach(session: psycopg.Connection[Any], teaching: Teaching) -> dict[str, int]:
+def teach(session: psycopg.Connection[Any], teaching: Teaching, name: str) -> dict[str, int]:
     """Store a teaching, in one transaction; return how many of each part were stored.
+
+    `name` is that of the teaching in `taught_facts.list_teachings`.
 
     Classes become types of the T-Box, ``isA`` their subsumption or the type of an entity; an object
     that the map does not have becomes an entity without a placement; occurrences become
@@ -59,7 +64,7 @@ def teach(session: psycopg.Connection[Any], teaching: Teaching) -> dict[str, int
     map nor the teaching has, or a statement that contradicts the map.
     """
     try:
-        with session.transaction():
+        with session.transaction(), noted(session, name):
             return _Lesson(session).store(_with_relations(session, teaching))
     except errors.CheckViolation as error:
         raise refusal(error) from error
@@ -118,11 +123,13 @@ class _Lesson:
 
     def __init__(self, session: psycopg.Connection[Any]) -> None:
         self.session = session
+        ((self.map,),) = session.execute("SELECT current_map()").fetchall()
         rows = session.execute(
-            "SELECT name, kind, type FROM entity WHERE map_id = current_map()"
+            "SELECT name, id, kind, type FROM entity WHERE map_id = current_map()"
         ).fetchall()
-        self.kinds: dict[str, str] = {name: kind for name, kind, _ in rows}
-        self.types: dict[str, str | None] = {name: type_ for name, _, type_ in rows}
+        self.ids: dict[str, int] = {name: id for name, id, _, _ in rows}
+        self.kinds: dict[str, str] = {name: kind for name, _, kind, _ in rows}
+        self.types: dict[str, str | None] = {name: type_ for name, _, _, type_ in rows}
         self._read_types()
 
     def _read_types(self) -> None:
@@ -186,9 +193,11 @@ class _Lesson:
         names += [taught.type for taught in teaching.objects if taught.type]
         others = self.kinds.keys() | {taught.name for taught in teaching.objects}
         new = {snake_case(name): name for name in names if name not in others}
-        new = {name: label for name, label in new.items() if name not in self.known}
         if "" in new:
             raise BeliefError(f"{new['']} is not a name: give letters or digits")
+        for name in new.keys() & self.known:
+            restate(self.session, "semantic_type", {"name": name})
+        new = {name: label for name, label in new.items() if name not in self.known}
         if new:
             self.session.execute(
                 "INSERT INTO semantic_type (name, label) "
@@ -214,36 +223,40 @@ class _Lesson:
         for concept in teaching.knowledge:
             if not concept.properties:
                 continue
-            of_entity = concept.name in self.kinds
-            self._update(
-                "UPDATE entity SET properties = properties || %s "
-                "WHERE map_id = current_map() AND name = %s"
-                if of_entity
-                else "UPDATE semantic_type SET properties = properties || %s WHERE name = %s",
-                (Jsonb(concept.properties), self.resolved(concept.name)),
-            )
+            name = self.resolved(concept.name)
+            if name in self.kinds:
+                self._set_properties("entity", {"id": self.ids[name]}, concept.properties)
+            else:
+                self._set_properties("semantic_type", {"name": name}, concept.properties)
 
-    def _update(self, statement: str, values: tuple[Any, ...]) -> None:
-        if not self.session.execute(statement, values).rowcount:
+    def _set_properties(self, table: str, key: Row, properties: Row) -> None:
+        ((column, value),) = key.items()
+        for name in properties:
+            restate(self.session, table, key, f"properties.{name}")
+        statement = sql.SQL("UPDATE {} SET properties = properties || %s WHERE {} = %s").format(
+            sql.Identifier(table), sql.Identifier(column)
+        )
+        if not self.session.execute(statement, (Jsonb(properties), value)).rowcount:
             raise denied()
 
     def _add_object(self, taught: TaughtObject) -> None:
         kind = self.kinds.get(taught.name)
         if kind is None:
-            self.session.execute(
-                "INSERT INTO entity (map_id, kind, name) VALUES (current_map(), 'object', %s)",
+            row = self.session.execute(
+                "INSERT INTO entity (map_id, kind, name) VALUES (current_map(), 'object', %s) "
+                "RETURNING id",
                 (taught.name,),
-            )
+            ).fetchone()
+            assert row is not None
             self.kinds[taught.name], self.types[taught.name] = "object", None
+            self.ids[taught.name] = row[0]
         elif kind not in ("object", "agent"):
             raise BeliefError(f"{taught.name} is a {kind} of the map: teach objects and agents")
+        else:
+            restate(self.session, "entity", {"id": self.ids[taught.name]})
         if taught.properties:
             self._check_size(taught)
-            self._update(
-                "UPDATE entity SET properties = properties || %s "
-                "WHERE map_id = current_map() AND name = %s",
-                (Jsonb(taught.properties), taught.name),
-            )
+            self._set_properties("entity", {"id": self.ids[taught.name]}, taught.properties)
 
     def _check_size(self, taught: TaughtObject) -> None:
         row = self.session.execute(
@@ -274,6 +287,7 @@ class _Lesson:
                 )
             if (sub, above) not in self.closure:
                 pairs.append((sub, above))
+            restate(self.session, "type_parent", {"type": sub, "parent": above})
         if pairs:
             self.session.execute(
                 "INSERT INTO type_parent (type, parent) SELECT * FROM "
@@ -321,6 +335,7 @@ class _Lesson:
         """Refine the type of an entity; a type that was guessed from its name gives way."""
         now, kind = self.types[name], self.kinds[name]
         if now == wanted or (now, wanted) in self.closure:
+            restate(self.session, "entity", {"id": self.ids[name]}, "type")
             return
         if now is not None and now != kind and (wanted, now) not in self.closure:
             guessed = self.session.execute(
@@ -338,9 +353,11 @@ class _Lesson:
             raise BeliefError(
                 f"{name} isA {wanted}: contradicts the map, where {name} is of the kind {kind}"
             )
-        self._update(
-            "UPDATE entity SET type = %s WHERE map_id = current_map() AND name = %s", (wanted, name)
+        changed = self.session.execute(
+            "UPDATE entity SET type = %s WHERE id = %s", (wanted, self.ids[name])
         )
+        if not changed.rowcount:
+            raise denied()
         self.types[name] = wanted
 
     def _relate(self, relation: KnownRelation) -> list[dict[str, Any]]:
@@ -351,18 +368,25 @@ class _Lesson:
         if both and name in PLACED:
             return [self._sighting(subject, {"place": other, "seen": True})]
         if both and name != FOUND_IN:
-            self.session.execute(
-                "INSERT INTO link (from_id, relation, to_id) "
-                "SELECT entity_id(%s), %s, entity_id(%s) ON CONFLICT DO NOTHING",
-                (subject, relation.relation, other),
-            )
+            ends = {"from_id": self.ids[subject], "to_id": self.ids[other]}
+            self._add("link", ends | {"relation": relation.relation})
         else:
-            self.session.execute(
-                "INSERT INTO taught_relation (map_id, subject, relation, object) "
-                "VALUES (current_map(), %s, %s, %s) ON CONFLICT DO NOTHING",
-                (subject, FOUND_IN if name == FOUND_IN else relation.relation, other),
-            )
+            name = FOUND_IN if name == FOUND_IN else relation.relation
+            row = {"map_id": self.map, "subject": subject, "relation": name, "object": other}
+            self._add("taught_relation", row)
         return []
+
+    def _add(self, table: str, key: Row) -> None:
+        """Insert a row that is its key, unless it is there."""
+        restate(self.session, table, key)
+        self.session.execute(
+            sql.SQL("INSERT INTO {} ({}) VALUES ({}) ON CONFLICT DO NOTHING").format(
+                sql.Identifier(table),
+                sql.SQL(", ").join(map(sql.Identifier, key)),
+                sql.SQL(", ").join([sql.Placeholder()] * len(key)),
+            ),
+            [*key.values()],
+        )
 
     def _add_actions(self, actions: Sequence[KnownAction]) -> None:
         for action in actions:
@@ -376,24 +400,18 @@ class _Lesson:
                         f"action {action.name}: neither the map nor the teaching has {state}, its "
                         f'{role}: teach it as knowledge, {{"name": "{state}"}}{hint}'
                     ) from None
-            self.session.execute(
-                "INSERT INTO taught_action (map_id, action, cause, effect) "
-                "VALUES (current_map(), %s, %s, %s) ON CONFLICT DO NOTHING",
-                (action.name, states["cause"], states["effect"]),
-            )
+            self._add("taught_action", {"map_id": self.map, "action": action.name} | states)
 
     def _judge(self, model: dict[str, float]) -> None:
-        columns = [sql.Identifier(key) for key in model]
+        self._add("belief_model", {"map_id": self.map})
+        for name in model:
+            restate(self.session, "belief_model", {"map_id": self.map}, name)
+        changes = [sql.SQL("{} = {}").format(sql.Identifier(k), sql.Placeholder(k)) for k in model]
         self.session.execute(
-            sql.SQL(
-                "INSERT INTO belief_model (map_id, {}) VALUES (current_map(), {}) "
-                "ON CONFLICT (map_id) DO UPDATE SET {}"
-            ).format(
-                sql.SQL(", ").join(columns),
-                sql.SQL(", ").join([sql.Placeholder()] * len(columns)),
-                sql.SQL(", ").join(sql.SQL("{0} = excluded.{0}").format(c) for c in columns),
+            sql.SQL("UPDATE belief_model SET {} WHERE map_id = current_map()").format(
+                sql.SQL(", ").join(changes)
             ),
-            list(model.values()),
+            model,
         )
 
     def _sighting(self, name: Any, row: dict[str, Any]) -> dict[str, Any]:
