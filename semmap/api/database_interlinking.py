@@ -62,8 +62,10 @@ class DatabaseInterlinking:
         left, right : a map, whose objects are the records; ``models``, the object models of
             manipulation; a CSV or RDF file; or records
         labels : whether (left key, right key) are the same, for few pairs; or a file of them: CSV
-            of left, right and yes or no, or an alignment
-        ask : answers whether a pair is the same, None to end; called for the most informative pairs
+            of left, right and yes or no, or an alignment. Some may be wrong: `doubted` of the
+            result has those that were left out. `dropped` counts those of unknown records
+        ask : answers whether a pair is the same, None to end; called for the most informative
+            pairs, and each fourth time for a pair again
         questions : the most calls of `ask`
         type : of the resources in RDF files
         store : store a link set; its number is `link_set` of the result
@@ -71,8 +73,8 @@ class DatabaseInterlinking:
         Raises
         ------
         LookupError, ValueError
-            A file or a label that cannot be used, no pair labelled the same, or data sets without
-            a common property.
+            A file or labels that cannot be used, such as of other data sets only, or data sets
+            without a common property.
         """
         from semmap.interlinking.link_file import read_labels
         from semmap.interlinking.store import store_links

@@ -47,6 +47,7 @@ def _link(
     """Find which records of two data sets are the same, and store the links.
 
     A and B are an RDF or CSV file, map[:NAME], or models. --ask adds to a CSV file of labels.
+    Without labels, a threshold is chosen that makes the links one to one.
 
     semmap interlink people.rdf clients.csv --labels labels.csv --ask
     """
@@ -54,8 +55,6 @@ def _link(
 
     given = call.texts
     labels = None if given["labels"] is None else Path(given["labels"])
-    if labels is None and not ask:
-        raise typer.BadParameter("give --labels FILE, or --ask, or both")
     if ask and labels is not None and labels.suffix.lower() in (".rdf", ".xml"):
         raise typer.BadParameter("--ask adds to a CSV file; give --labels FILE.csv")
     known = read_labels(labels) if labels and (labels.exists() or not ask) else {}
@@ -112,7 +111,11 @@ def _stored_set(db: Database, given: str, map_name: str | None) -> Map | str:
 
 
 def _show(found: Interlinking, truth: set[tuple[str, str]] | None, json_: bool) -> None:
-    quality = found.quality(truth) if truth else None
+    from semmap.interlinking.interlink import known_pairs
+
+    known = known_pairs(truth, found.left, found.right) if truth else set()
+    unknown = len(truth or ()) - len(known)
+    quality = found.quality(known) if known else None
     if json_:
         summary: dict[str, Any] = {
             "link_set": found.link_set,
@@ -122,6 +125,9 @@ def _show(found: Interlinking, truth: set[tuple[str, str]] | None, json_: bool) 
             "pattern": found.pattern,
             "correspondences": [vars(c) for c in found.correspondences],
             "unexplained": [list(pair) for pair in found.unexplained],
+            "doubted": [list(pair) for pair in found.doubted],
+            "dropped_labels": found.dropped,
+            "dropped_reference": unknown,
             "quality": vars(quality) if quality else None,
         }
         print_json(summary)
@@ -131,6 +137,12 @@ def _show(found: Interlinking, truth: set[tuple[str, str]] | None, json_: bool) 
     print(f"link if {found.pattern}")
     for a, b in found.unexplained:
         print(f"{a} and {b} are labelled the same, but no pattern separates them from others")
+    for a, b in found.doubted:
+        given = "the same" if found.labels[a, b] else "different"
+        print(f"{a} and {b} are labelled {given}: probably wrong, and left out; look again")
+    for count, kind in ((found.dropped, "labels"), (unknown, "reference links")):
+        if count:
+            print(f"{count} {kind} left out: the data sets do not have their records")
     if quality:
         print(f"precision {quality.precision:.3f}, recall {quality.recall:.3f}, F {quality.f:.3f}")
     stored = "nothing stored" if found.link_set is None else f"link set {found.link_set}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from semmap.interlinking.blocking import candidate_pairs
 from semmap.interlinking.correspondences import Correspondence
 from semmap.interlinking.records import Records
 from semmap.interlinking.similarity import compare
+from semmap.interlinking.simple_patterns import SimplePatterns
 from semmap.interlinking.version_space import LEVELS, Levels, levels
 
 WHOLE = (
@@ -43,6 +45,11 @@ class Comparison:
     def likelihood(self) -> NDArray[np.float64]:
         """(n,) the aggregated similarity, in [0, 1]."""
         return self.similarities[:, -3]
+
+    @cached_property
+    def simple(self) -> SimplePatterns:
+        """The simple patterns of these pairs."""
+        return SimplePatterns.of(self.pairs, self.levels)
 
 
 def compare_records(

@@ -18,8 +18,11 @@ HEADER = ["left", "right", "same"]
 
 
 def read_csv_labels(path: Path) -> dict[tuple[str, str], bool]:
-    """Return whether pairs of a left and a right key are the same: columns left, right, same."""
-    found: dict[tuple[str, str], bool] = {}
+    """Return whether pairs of a left and a right key are the same: columns left, right, same.
+
+    Of several answers about a pair, most decide.
+    """
+    votes: dict[tuple[str, str], int] = {}
     for number, row in enumerate(csv_rows(path), 1):
         if number == 1 and [cell.strip().lower() for cell in row] == HEADER:
             continue
@@ -29,11 +32,13 @@ def read_csv_labels(path: Path) -> dict[tuple[str, str], bool]:
                 f"{path}: row {number}: {','.join(row)!r} is not LEFT,RIGHT,yes or LEFT,RIGHT,no"
             )
         pair = (row[0].strip(), row[1].strip())
-        if found.setdefault(pair, answer) != answer:
+        votes[pair] = votes.get(pair, 0) + (1 if answer else -1)
+    for pair, count in votes.items():
+        if not count:
             raise InterlinkingError(
-                f"{path}: row {number}: {pair[0]} and {pair[1]} are labelled yes and no: keep one"
+                f"{path}: {pair[0]} and {pair[1]} are labelled yes and no equally often: keep one"
             )
-    return found
+    return {pair: count > 0 for pair, count in votes.items()}
 
 
 def append_label(path: Path, left: str, right: str, same: bool) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semmap.interlinking.comparison import Comparison
+from semmap.interlinking.simple_patterns import AGGREGATE, pseudo_f
 from semmap.interlinking.version_space import (
     LEVELS,
     Levels,
@@ -20,8 +21,16 @@ from semmap.interlinking.version_space import (
 
 OPTIONS = 60  # of so many patterns of a version space, the simplest ones, one is chosen
 
-AGGREGATE = -3
-"""The column of the aggregated similarity, see `semmap.interlinking.comparison.WHOLE`."""
+COST = 0.03
+"""A wrong answer, a condition on one property and a further conjunction count as much as this
+difference of the pseudo F-measure."""
+
+MOST_WRONG = 0.25
+"""At most this share of the answers is doubted: who is wrong more often cannot be told from data
+sets that a pattern does not explain."""
+
+Votes = Mapping[int, int]
+"""By candidate pair: how many more answers say that both records are the same than that not."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +41,19 @@ class LinkPattern:
     chosen: Levels  # (spaces, d) the pattern that is chosen from each
     # labelled pairs that are the same although a negative pair is as similar in all respects
     unexplained: Sequence[int]
+    doubted: Sequence[int]  # labelled pairs whose labels are probably wrong, and left out
 
     def links(self, pairs: Levels) -> NDArray[np.bool_]:
         """Return whether each pair is linked."""
         return np.asarray(matches(self.chosen, pairs).any(axis=1))
 
     def confidence(self, pairs: Levels) -> NDArray[np.float64]:
-        """Return the share of the most specific and most general patterns that link each pair."""
+        """Return the share of the most specific and most general patterns that link each pair.
+
+        Without a version space, it is the aggregated similarity.
+        """
+        if not self.spaces:
+            return pairs[:, AGGREGATE] / LEVELS
         return _confidence(self.spaces, pairs)
 
     def text(self, features: Sequence[str]) -> str:
@@ -63,18 +78,58 @@ def _confidence(spaces: Sequence[VersionSpace], pairs: Levels) -> NDArray[np.flo
     return found
 
 
-def learn_pattern(comparison: Comparison, labels: Mapping[int, bool]) -> LinkPattern:
+def learn_pattern(comparison: Comparison, labels: Votes) -> LinkPattern:
     """Return the pattern that labels of candidate pairs, by number, lead to.
 
-    Many patterns agree with few labels. Of those, the one is chosen whose links are the most
-    one-to-one and complete: the pseudo F-measure of Nikolov, d'Aquin and Motta, without labels.
+    Many patterns agree with few labels. Of those, the one is chosen whose links have the highest
+    `pseudo_f`; a threshold on the aggregate alone, if it agrees and its links are as good. Labels
+    that are probably wrong are doubted, and left out. Without labels of both kinds, it is the
+    threshold that agrees best with those that there are.
     """
-    same = [i for i, yes in labels.items() if yes]
-    different = [i for i, yes in labels.items() if not yes]
+    simple = comparison.simple
+    places, votes = np.array([*labels], np.int64), np.array([*labels.values()], int)
+    agrees = matches(simple.patterns, comparison.levels[places]) == (votes > 0)[:, None]
+    wrong = np.abs(votes) @ ~agrees
+    worth = simple.scores - COST * wrong
+    strict = _agreeing(comparison, labels)
+    plain = int(np.argmax(worth[simple.thresholds]))
+    threshold = replace(strict, chosen=simple.patterns[[plain]])
+    if not all(_kinds(labels)):
+        return threshold
+    if strict.spaces and not wrong[plain] and worth[plain] > _worth(strict, comparison):
+        return threshold
+    best = int(np.argmax(worth))
+    if not 0 < wrong[best] <= MOST_WRONG * np.abs(votes).sum():
+        return strict
+    doubted = places[~agrees[:, best] & (votes != 0)].tolist()
+    other = _agreeing(comparison, {p: v for p, v in labels.items() if p not in doubted})
+    if not other.spaces:
+        other = replace(other, chosen=simple.patterns[[best]])
+    if _worth(other, comparison) - COST * wrong[best] > _worth(strict, comparison):
+        return replace(other, doubted=doubted)
+    return strict
+
+
+def _worth(pattern: LinkPattern, comparison: Comparison) -> float:
+    """How good links are without labels, less the cost of what the pattern has to explain them."""
+    score = pseudo_f(comparison.pairs[pattern.links(comparison.levels)], comparison.pairs)
+    conditions = np.count_nonzero(pattern.chosen[:, :AGGREGATE])
+    more = len(pattern.chosen) - 1 + len(pattern.unexplained)
+    return score - COST * (conditions + more)
+
+
+def _agreeing(comparison: Comparison, labels: Votes) -> LinkPattern:
+    """The pattern that agrees with all labels."""
+    same, different = _kinds(labels)
     spaces, hopeless = learn(comparison.levels[same], comparison.levels[different])
     chosen = [_choose(space, comparison, comparison.levels[different]) for space in spaces]
     rows = np.array(chosen, np.int8).reshape(len(chosen), len(comparison.features))
-    return LinkPattern(spaces, rows, [same[i] for i in hopeless])
+    return LinkPattern(spaces, rows, [same[i] for i in hopeless], [])
+
+
+def _kinds(labels: Votes) -> tuple[list[int], list[int]]:
+    """The pairs that are labelled the same, and those that are labelled different."""
+    return [p for p, v in labels.items() if v > 0], [p for p, v in labels.items() if v < 0]
 
 
 def _choose(space: VersionSpace, comparison: Comparison, negatives: Levels) -> Levels:
@@ -94,24 +149,12 @@ def _choose(space: VersionSpace, comparison: Comparison, negatives: Levels) -> L
     scores = []
     for option in options:
         linked = matches(option[None], comparison.levels)[:, 0]
-        scores.append(_pseudo_f(comparison.pairs[linked], comparison.pairs))
+        scores.append(pseudo_f(comparison.pairs[linked], comparison.pairs))
     chosen: Levels = options[int(np.argmax(scores))]
     return chosen
 
 
-def _pseudo_f(links: NDArray[np.int64], candidates: NDArray[np.int64]) -> float:
-    """How one-to-one links are, and how complete where each record of one side has one."""
-    if not len(links):
-        return 0.0
-    linked, all_ = (
-        [np.count_nonzero(np.bincount(side)) for side in pairs.T] for pairs in (links, candidates)
-    )
-    precision = max(linked) / len(links)
-    recall = max(linked) / max(min(all_), max(linked))
-    return 2 * precision * recall / (precision + recall)
-
-
-def next_question(comparison: Comparison, labels: Mapping[int, bool]) -> int | None:
+def next_question(comparison: Comparison, labels: Votes) -> int | None:
     """Return the candidate pair whose label tells most; None where all are labelled.
 
     Undecided is a pair that some patterns of the version space link and others do not. Of those
@@ -121,11 +164,10 @@ def next_question(comparison: Comparison, labels: Mapping[int, bool]) -> int | N
     v = comparison.likelihood
     best = np.asarray((comparison.similarities[:, -2:] >= 1).any(axis=1))
     best[list(labels)] = False
-    same = [i for i, yes in labels.items() if yes]
+    same, different = _kinds(_trusted(comparison, labels))
     if not same:
         open_ = np.flatnonzero(best)
         return int(open_[np.argmax(v[open_])]) if len(open_) else None
-    different = [i for i, yes in labels.items() if not yes]
     spaces, _ = learn(comparison.levels[same], comparison.levels[different])
     places = np.flatnonzero(best)
     confidence = _confidence(spaces, comparison.levels[places])
@@ -137,3 +179,28 @@ def next_question(comparison: Comparison, labels: Mapping[int, bool]) -> int | N
     low = max(v[different]) if different else float(v[open_].min())
     middle = (min(v[same]) + low) / 2
     return int(open_[np.argmin(np.abs(v[open_] - middle))])
+
+
+def control_question(comparison: Comparison, labels: Votes) -> int | None:
+    """Return the pair that is asked about again: the answer that is the most probably wrong.
+
+    That is one with as many answers for as against it, else a doubted one, else the one that is the
+    most like pairs of the other kind. None where each pair has two more answers for its label.
+    """
+    open_ = [place for place, votes in labels.items() if abs(votes) < 2]
+    trusted = _trusted(comparison, labels)
+    same, different = _kinds(trusted)
+    v = comparison.likelihood
+    low, high = min(v[same], default=1.0), max(v[different], default=0.0)
+
+    def distance(place: int) -> tuple[bool, bool, float]:
+        votes = labels[place]
+        return votes != 0, place in trusted, v[place] - high if votes > 0 else low - v[place]
+
+    return min(open_, key=distance, default=None)
+
+
+def _trusted(comparison: Comparison, labels: Votes) -> Votes:
+    """The labels that are not doubted."""
+    doubted = learn_pattern(comparison, labels).doubted if len(labels) > 1 else ()
+    return {place: votes for place, votes in labels.items() if place not in doubted}

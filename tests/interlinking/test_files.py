@@ -18,7 +18,7 @@ from semmap.interlinking.records import InterlinkingError, Records
 from tests.interlinking.data_sets import alignment_xml, person1, rdf_xml
 
 
-def test_a_folder_of_oaei(tmp_path) -> None:
+def test_a_folder_of_oaei(tmp_path, capsys) -> None:
     case = person1(n=30)
     (tmp_path / "p11.rdf").write_text(rdf_xml(case.left, "Person"))
     (tmp_path / "p12.rdf").write_text(rdf_xml(case.right, "Human"))
@@ -29,8 +29,12 @@ def test_a_folder_of_oaei(tmp_path) -> None:
         assert set(read.keys) == set(made.keys)
         for key in made.keys:
             assert read.record(read.number[key]) == made.record(made.number[key])
-    (tmp_path / "gold.xml").write_text(alignment_xml({("http://x", "http://y")}))
-    with pytest.raises(InterlinkingError, match="entities that the data sets do not have"):
+    stranger = ("http://x", "http://y")
+    (tmp_path / "gold.xml").write_text(alignment_xml({*case.links, stranger}))
+    assert read_folder(tmp_path)[2] == case.links
+    assert ": 1 links are of records that it lacks: dropped" in capsys.readouterr().out
+    (tmp_path / "gold.xml").write_text(alignment_xml({stranger}))
+    with pytest.raises(InterlinkingError, match="no pair is of records that both data sets have"):
         read_folder(tmp_path)
     (tmp_path / "gold.xml").unlink()
     with pytest.raises(InterlinkingError, match="2 data sets and 0 alignments"):
@@ -81,8 +85,10 @@ def test_labels(tmp_path) -> None:
     append_label(path, "c", "d", False)
     assert read_labels(path) == {("a,1", "b"): True, ("c", "d"): False}
     append_label(path, "c", "d", True)
-    with pytest.raises(InterlinkingError, match="row 4: c and d are labelled yes and no"):
+    with pytest.raises(InterlinkingError, match="c and d are labelled yes and no equally often"):
         read_csv_labels(path)
+    append_label(path, "c", "d", True)
+    assert read_labels(path)["c", "d"] is True
 
 
 def test_links_are_turtle() -> None:

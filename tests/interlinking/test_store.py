@@ -194,9 +194,9 @@ def test_the_command_links_a_map_with_a_file(database, tmp_path) -> None:
         str(links),
         "--json",
     ]
-    bare = CliRunner().invoke(app, run)
-    assert bare.exit_code == 2
-    assert "give --labels FILE, or --ask" in bare.stderr
+    bare = CliRunner().invoke(app, [*run, "--dry-run", "--reference", str(true), "--json"])
+    assert json.loads(bare.stdout)["quality"]["f"] > 0.8
+    assert json.loads(bare.stdout)["labels"] == 0
     done = CliRunner().invoke(app, [*run, *options], input="y\nperhaps\ny\ny\nq\n")
     assert done.exit_code == 0, done.output
     said = json.loads(done.stdout)
@@ -213,6 +213,13 @@ def test_the_command_links_a_map_with_a_file(database, tmp_path) -> None:
     assert json.loads(listed.stdout)[0]["left"] == "map kitchen"
     undone = CliRunner().invoke(app, ["--db", database, "interlink", "undo", str(said["link_set"])])
     assert undone.stdout == f"{said['links']} links taken back\n"
+    true.write_text(true.read_text() + "\ngreen cup,77,yes\n")
+    labels.write_text("red cup,unknown,yes\nred cup,9,yes\noak tray,9,no\n")
+    shown = CliRunner().invoke(
+        app, [*run, "--labels", str(labels), "--reference", str(true), "--dry-run"]
+    )
+    assert "1 labels left out: the data sets do not have their records" in shown.stdout
+    assert "1 reference links left out: the data sets do not" in shown.stdout
     labels.write_text("red cup,unknown,yes\n")
     wrong = CliRunner().invoke(app, [*run, "--labels", str(labels)])
     assert isinstance(wrong.exception, InterlinkingError)
