@@ -87,9 +87,7 @@ def learn_pattern(comparison: Comparison, labels: Votes) -> LinkPattern:
     threshold that agrees best with those that there are.
     """
     simple = comparison.simple
-    places, votes = np.array([*labels], np.int64), np.array([*labels.values()], int)
-    agrees = matches(simple.patterns, comparison.levels[places]) == (votes > 0)[:, None]
-    wrong = np.abs(votes) @ ~agrees
+    agrees, wrong = _contradictions(comparison, labels)
     worth = simple.scores - COST * wrong
     strict = _agreeing(comparison, labels)
     plain = int(np.argmax(worth[simple.thresholds]))
@@ -99,15 +97,27 @@ def learn_pattern(comparison: Comparison, labels: Votes) -> LinkPattern:
     if strict.spaces and not wrong[plain] and worth[plain] > _worth(strict, comparison):
         return threshold
     best = int(np.argmax(worth))
-    if not 0 < wrong[best] <= MOST_WRONG * np.abs(votes).sum():
+    if not 0 < wrong[best] <= MOST_WRONG * sum(map(abs, labels.values())):
         return strict
-    doubted = places[~agrees[:, best] & (votes != 0)].tolist()
+    doubted = [
+        p for p, right in zip(labels, agrees[:, best], strict=True) if labels[p] and not right
+    ]
     other = _agreeing(comparison, {p: v for p, v in labels.items() if p not in doubted})
     if not other.spaces:
         other = replace(other, chosen=simple.patterns[[best]])
     if _worth(other, comparison) - COST * wrong[best] > _worth(strict, comparison):
         return replace(other, doubted=doubted)
     return strict
+
+
+def _contradictions(
+    comparison: Comparison, labels: Votes
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Whether simple patterns agree with labels, (n, m); how many answers each contradicts."""
+    votes = np.array([*labels.values()], np.int64)
+    linked = matches(comparison.simple.patterns, comparison.levels[[*labels]])
+    agrees = linked == (votes > 0)[:, None]
+    return agrees, np.abs(votes) @ ~agrees
 
 
 def _worth(pattern: LinkPattern, comparison: Comparison) -> float:
@@ -202,5 +212,8 @@ def control_question(comparison: Comparison, labels: Votes) -> int | None:
 
 def _trusted(comparison: Comparison, labels: Votes) -> Votes:
     """The labels that are not doubted."""
-    doubted = learn_pattern(comparison, labels).doubted if len(labels) > 1 else ()
+    _, wrong = _contradictions(comparison, labels)
+    if not wrong[np.argmax(comparison.simple.scores - COST * wrong)]:
+        return labels
+    doubted = learn_pattern(comparison, labels).doubted
     return {place: votes for place, votes in labels.items() if place not in doubted}
