@@ -11,7 +11,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -50,6 +50,16 @@ THREADS = 10
 
 PAUSE = 0.5
 """Seconds between two kills, at most."""
+
+
+def is_running(process: subprocess.Popen[bytes]) -> bool:
+    """Return whether a thread of a process goes on: on a busy machine they stop one by one."""
+    for thread in Path(f"/proc/{process.pid}/task").glob("*/stat"):
+        with suppress(FileNotFoundError, ProcessLookupError):  # it ended
+            state = thread.read_text().rpartition(")")[2].split()[0]
+            if state not in "TtZX":
+                return True
+    return False
 
 
 @dataclass
@@ -215,7 +225,8 @@ class Soak:
         stopped = [each.process for each in chosen if each.process is not None]
         for process in stopped:
             process.send_signal(signal.SIGSTOP)
-        time.sleep(0.05)
+        while any(map(is_running, stopped)):
+            time.sleep(0.01)
         yield
         for process in stopped:
             process.send_signal(signal.SIGCONT)

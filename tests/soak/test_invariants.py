@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import psycopg
@@ -23,7 +27,7 @@ from tests.soak.invariants import (
     wrong_service,
     wrong_statements,
 )
-from tests.soak.kills import boxes
+from tests.soak.kills import boxes, is_running
 from tests.soak.statements import UPDATE
 
 DAMAGE = (
@@ -111,3 +115,23 @@ def test_the_checks_find_lost_statements_and_a_late_follower(
         follower.write_text(json.dumps({"count": 4, "seen": [["box0", 2]]}))
         assert len(wrong_follower(module_engine, "stated", follower, 0.2)) == 1
         db.drop_map("stated")
+
+
+def test_a_process_runs_until_each_of_its_threads_is_stopped() -> None:
+    threads = (
+        "import threading, time; "
+        "[threading.Thread(target=time.sleep, args=(60,)).start() for _ in 'ab']; "
+        "print(flush=True)"
+    )
+    with subprocess.Popen([sys.executable, "-c", threads], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        assert is_running(process)
+        process.send_signal(signal.SIGSTOP)
+        while is_running(process):
+            time.sleep(0.01)
+        process.send_signal(signal.SIGCONT)
+        while not is_running(process):
+            time.sleep(0.01)
+        process.kill()
+    assert not is_running(process)
