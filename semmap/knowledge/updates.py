@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -20,11 +20,12 @@ from semmap.knowledge.facts import (
     with_consequences,
 )
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import errors_of, filled, limited_view, plain
 from semmap.knowledge.shacl import BrokenShapeError
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.kept_queries import Session
-from semmap.knowledge.sparql.scope import Chosen
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen
 from semmap.knowledge.vocabulary import graph_names
 from semmap.language.parser import ParsedText
 
@@ -179,7 +180,8 @@ def _copy(view: MapView, source: str, target: str, name: str) -> tuple[int, int]
     if source != "DEFAULT":
         pattern = CompValue("Graph", term=rdflib.URIRef(source), p=pattern)
     graph = None if target == "DEFAULT" else rdflib.URIRef(target)
-    copied = [Fact(s, p, o, graph) for s, p, o in view.run(view.statement(pattern, "spo"))]
+    told = view if source == INFERRED_GRAPH else replace(view, inferred=NOTHING_INFERRED)
+    copied = [Fact(s, p, o, graph) for s, p, o in told.run(told.statement(pattern, "spo"))]
     _refuse_ends(view, "" if source == "DEFAULT" else source, copied)
     removed = 0 if name == "Add" else _clear(view, target)
     added = FactWriter(view).insert(copied)

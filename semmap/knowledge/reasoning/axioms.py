@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -12,7 +13,15 @@ import rdflib
 from semmap.ingest.ontology.tbox import ontology_files
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import is_mapped
-from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, Node, RuleSet, Triple
+from semmap.knowledge.reasoning.engine import (
+    SAME_AS,
+    TYPE_OF,
+    Facts,
+    Node,
+    RuleSet,
+    Triple,
+    close,
+)
 from semmap.knowledge.reasoning.rules import (
     AXIOM_CLASSES,
     AXIOM_PROPERTIES,
@@ -41,6 +50,7 @@ class OntologyAxioms:
     stated_same: bool  # ``owl:sameAs`` is stated of something
     equality: bool  # the rules of equality are among `rules`
     rules: Compiled  # what the axioms make
+    known: frozenset[Triple]  # what a graph does not have: it follows from the map's axioms alone
 
     @classmethod
     def read(cls, view: MapView, state: str = "", graph: str = "") -> OntologyAxioms:
@@ -67,46 +77,54 @@ class OntologyAxioms:
         stated = {fact_of(fact) for _, *fact in rows}
         shipped = _shipped_axioms()
         of_map = shipped | {fact_of(fact) for of_graph, *fact in rows if not of_graph}
-        same = any(fact[1] == SAME_AS for fact in stated)
+        same = any(fact_of(fact)[1] == SAME_AS for of, *fact in rows if of == graph)
         axioms = frozenset({fact for fact in stated if fact[1] != SAME_AS} | shipped)
-        parts = (hierarchy.digest, str(bool(graph)), str(same), *sorted(map(repr, axioms)))
+        parts = [hierarchy.digest, str(same), *sorted(map(repr, axioms))]
+        if graph:
+            parts += ["of which the map has", *sorted(map(repr, of_map))]
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         equality = same or state == digest + _EQUALITY
-        read = cls(graph, digest, hierarchy, axioms, of_map, same, equality, _NONE)
-        return replace(read, rules=read._compiled(view))
+        read = cls(graph, digest, hierarchy, axioms, of_map, same, equality, _NONE, frozenset())
+        return read._compiled(view)
 
     def with_equality(self, view: MapView, equality: bool) -> OntologyAxioms:
         """Return the same axioms with the rules of equality, or without, where none is stated."""
-        changed = replace(self, equality=equality or self.stated_same)
-        return replace(changed, rules=changed._compiled(view))
+        return replace(self, equality=equality or self.stated_same)._compiled(view)
 
-    def _compiled(self, view: MapView) -> Compiled:
+    def _compiled(self, view: MapView) -> OntologyAxioms:
+        """Return the same axioms with what they make."""
         key = self.digest, self.equality
         if key not in _COMPILED:
-            parents = {(c, SUB, d) for c, d in self.hierarchy.parents}
-            if self.graph:
-                # It is not told the types that subsume others, nor what follows from the map's
-                # axioms alone.
-                known = compile_rules(self.of_map | parents, same=False).stated()
-                compiled = compile_rules(
-                    self.axioms | parents,
-                    Words(view).node,
-                    known=frozenset(known),
-                    same=self.equality,
-                )
-            else:
-                supers = self.hierarchy.supers.items()
-                compiled = compile_rules(
-                    self.axioms | parents,
-                    Words(view).node,
-                    built_in=frozenset((c, d) for c, above in supers for d in above),
-                    single=is_mapped,
-                    same=self.equality,
-                )
-            while len(_COMPILED) > 3:
+            while len(_COMPILED) > _KEPT:
                 del _COMPILED[next(iter(_COMPILED))]
-            _COMPILED[key] = compiled
-        return _COMPILED[key]
+            _COMPILED[key] = self._of_graph(view) if self.graph else self._of_types(view)
+        rules, known = _COMPILED[key]
+        return replace(self, rules=rules, known=known)
+
+    def _of_types(self, view: MapView) -> tuple[Compiled, frozenset[Triple]]:
+        """Compile the axioms of a map, which is told the types that subsume others."""
+        supers = self.hierarchy.supers.items()
+        rules = compile_rules(
+            self.axioms | {(c, SUB, d) for c, d in self.hierarchy.parents},
+            Words(view).node,
+            built_in=frozenset((c, d) for c, above in supers for d in above),
+            single=is_mapped,
+            same=self.equality,
+        )
+        return rules, frozenset()
+
+    def _of_graph(self, view: MapView) -> tuple[Compiled, frozenset[Triple]]:
+        """Compile the axioms of a named graph, and close what those of the map alone state."""
+        parents = {(c, SUB, d) for c, d in self.hierarchy.parents}
+        of_map = compile_rules(self.of_map | parents, same=False)
+        facts, stated = Facts(), of_map.stated()
+        for fact in stated:
+            facts.add(fact)
+        close(facts, of_map.rules, stated)
+        rules = compile_rules(
+            self.axioms | parents, Words(view).node, known=frozenset(stated), same=self.equality
+        )
+        return rules, frozenset(facts.all()) - _schema(stated)
 
     @property
     def state(self) -> str:
@@ -118,7 +136,13 @@ class OntologyAxioms:
         return state.removesuffix(_EQUALITY) == self.digest
 
 
-_COMPILED: dict[tuple[str, bool], Compiled] = {}
+_COMPILED: dict[tuple[str, bool], tuple[Compiled, frozenset[Triple]]] = {}
+_KEPT = 15
+
+
+def _schema(facts: Iterable[Triple]) -> frozenset[Triple]:
+    """Return the facts about classes and properties, which no rule asks for."""
+    return frozenset(fact for fact in facts if fact[1] in AXIOM_PROPERTIES)
 
 
 @cache

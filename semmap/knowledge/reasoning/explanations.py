@@ -9,6 +9,7 @@ from typing import Any
 import rdflib
 
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import limited
 from semmap.knowledge.reasoning.axioms import OntologyAxioms, Words, node_of
 from semmap.knowledge.reasoning.engine import TYPE_OF, Triple
@@ -44,10 +45,21 @@ def contradictions(session: Session) -> list[Why]:
         words = Words(view)
         found = [
             why
-            for graph, state in states.items()
+            for graph in _with_contradictions(view)
+            if (state := states.get(graph)) is not None
             for why in _clashes(StoredFacts(view, OntologyAxioms.read(view, state, graph)), words)
         ]
         return sorted(found, key=lambda each: (each.fact, each.axiom))
+
+
+def _with_contradictions(view: MapView) -> list[str]:
+    """Return the graphs with contradictions; "" for the map itself."""
+    rows = view.session.execute(
+        "SELECT DISTINCT graph FROM inference "
+        "WHERE map_id = %s AND predicate = %s AND NOT told AND object IS NOT NULL",
+        (view.number, CONTRADICTION),
+    )
+    return ["" if graph == INFERRED_GRAPH else graph for (graph,) in rows]
 
 
 def _clashes(facts: StoredFacts, words: Words) -> Iterator[Why]:
@@ -67,7 +79,7 @@ def why(session: Session, text: str) -> Why:
     with limited(session, None):
         view, states = _states(session)
         parsed = view.parsed(f"ASK {{ {text} }}")
-        graph, pattern = "", parsed.algebra.p
+        graph, pattern = "", parsed.algebra.p.p
         if pattern.name == "Graph":
             graph, pattern = pattern.term, pattern.p
         terms = pattern.triples[0] if len(pattern.get("triples") or ()) == 1 else None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,10 +73,12 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
     changed = None if complete else Changed.since(view, cursor, at)
     ontology, done = _run(view, "", state, changed)
     if done.complete:  # what is noted begins again
-        changed, states = None, dict.fromkeys(states, "")
-    for graph in _graphs(view, states, changed):
-        of_graph, more = _run(view, graph, states.get(graph, ""), changed)
-        states[graph] = of_graph.state
+        changed, states = None, {}
+    stated = _named_graphs(view)
+    chosen = None if changed is None else changed.graphs
+    for graph in sorted(stated | states.keys() if chosen is None else chosen - {""}):
+        of_graph, more = _run(view, graph, states.pop(graph, ""), changed)
+        states |= {graph: of_graph.state} if graph in stated else {}
         done.include(more)
     counts = _note(view, ontology, states, news, done)
     return Reasoned(
@@ -101,16 +102,17 @@ def _run(
     return _first_run(view, ontology)
 
 
-def _graphs(view: MapView, states: dict[str, str], changed: Changed | None) -> Iterable[str]:
-    """Return the named graphs to reason about: those with changes; all where these are unknown."""
-    if changed is not None and changed.graphs is not None:
-        return sorted(changed.graphs - {""})
+def _named_graphs(view: MapView) -> set[str]:
+    """Return the named graphs that have statements."""
     rows = view.session.execute(
-        "SELECT text FROM term WHERE id IN (SELECT graph FROM triple WHERE map_id = %s "
-        "AND graph <> 0)",
-        (view.number,),
+        "WITH RECURSIVE g (id) AS ("
+        "(SELECT graph FROM triple WHERE map_id = %(map)s AND graph <> 0 ORDER BY graph LIMIT 1) "
+        "UNION ALL SELECT (SELECT graph FROM triple WHERE map_id = %(map)s AND graph <> 0 "
+        "AND graph > g.id ORDER BY graph LIMIT 1) FROM g WHERE g.id IS NOT NULL) "
+        "SELECT t.text FROM g JOIN term t USING (id)",
+        {"map": view.number},
     )
-    return sorted({*states, *(text for (text,) in rows)})
+    return {text for (text,) in rows}
 
 
 def _note(
@@ -168,8 +170,10 @@ class Changed:
             "SELECT what, entities, facts FROM changes_since(%s) WHERE map_id = %s",
             (cursor, view.number),
         ):
-            if what in ("statement", "removed"):
+            if what == "statement":
                 graphs.update([None] if facts is None else (graph for graph, *_ in facts))
+            elif what == "removed":
+                graphs.add("")
             ids.update(entities)
         for graph, *ends in view.session.execute(
             "SELECT coalesce(g.text, ''), subject_id, object_id FROM triple t "

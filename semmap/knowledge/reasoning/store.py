@@ -51,6 +51,8 @@ class StoredFacts(Facts):
         self._types: dict[Node, frozenset[Node]] = {}
         classes, hierarchy = ontology.rules.classes, ontology.hierarchy
         self._met = cache(lambda told: hierarchy.of([told]) & classes)
+        for fact in ontology.known:
+            super().add(fact)
 
     def need_subject(self, subject: Node) -> None:
         """Read the facts of a subject."""
@@ -182,7 +184,8 @@ class StoredFacts(Facts):
         """Return whether a fact is told; None where it has no row."""
         if fact in self._told:
             return True
-        if self.is_told(fact) or not super().__contains__(fact):
+        known = fact in self.ontology.known or self.is_told(fact)
+        if known or not super().__contains__(fact):
             return None
         return False
 

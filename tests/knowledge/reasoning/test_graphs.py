@@ -21,7 +21,13 @@ from tests.knowledge.reasoning.test_rules import (
     sentences,
 )
 
-HERE = f"PREFIX : <{EX}> PREFIX ex: <{EX}> PREFIX owl: <http://www.w3.org/2002/07/owl#> "
+RDFS = "http://www.w3.org/2000/01/rdf-schema#"
+HERE = (
+    f"PREFIX : <{EX}> PREFIX ex: <{EX}> PREFIX rdfs: <{RDFS}> "
+    "PREFIX owl: <http://www.w3.org/2002/07/owl#> "
+)
+
+OF_I = "GRAPH ?g { ex:i a ?c } FILTER(?g != <urn:semmap:inferred>)"
 
 
 def truth(session: psycopg.Connection, pattern: str, *, inferred: bool = True) -> bool:
@@ -84,6 +90,76 @@ def test_axioms_of_a_graph_hold_in_it_alone(changing: psycopg.Connection) -> Non
     done = reason(changing)
     assert done.contradictions == 0
     assert reason(changing, complete=True).inferences == done.inferences
+
+
+def test_what_axioms_of_the_map_state_is_in_no_graph(changing: psycopg.Connection) -> None:
+    update(
+        changing,
+        HERE + "INSERT DATA { ex:C owl:oneOf (ex:i) . ex:C rdfs:subClassOf ex:D . "
+        "ex:E owl:onProperty ex:p ; owl:someValuesFrom ex:D }",
+    )
+    reason(changing)
+    update(changing, HERE + "INSERT DATA { GRAPH ex:g { ex:x ex:p ex:i } }")
+    # The one class that follows from the statement, by what the axioms say of ex:i.
+    assert truth(changing, "GRAPH ex:g { ex:x a ex:E }")
+    assert not truth(changing, OF_I)
+    reason(changing, complete=True)
+    assert truth(changing, "GRAPH ex:g { ex:x a ex:E }")
+    assert not truth(changing, OF_I)
+    update(changing, HERE + "DROP GRAPH ex:g")
+    assert not truth(changing, OF_I)
+
+
+def test_axioms_that_move_into_a_graph_are_its_own(changing: psycopg.Connection) -> None:
+    axioms = "ex:a rdfs:subClassOf ex:b . ex:b rdfs:subClassOf ex:c"
+    update(changing, HERE + f"INSERT DATA {{ {axioms} . GRAPH ex:g {{ ex:x a ex:a }} }}")
+    reason(changing)
+    assert truth(changing, "GRAPH ex:g { ex:x a ex:c }")
+    assert not truth(changing, "GRAPH ex:g { ex:a rdfs:subClassOf ex:c }")
+    update(
+        changing,
+        HERE + f"DELETE DATA {{ {axioms} }} ; INSERT DATA {{ GRAPH ex:g {{ {axioms} }} }}",
+    )
+    assert truth(changing, "GRAPH ex:g { ex:x a ex:c . ex:a rdfs:subClassOf ex:c }")
+
+
+def test_copies_have_what_was_stated(changing: psycopg.Connection) -> None:
+    update(changing, HERE + "INSERT DATA { ex:partOf a owl:TransitiveProperty }")
+    reason(changing)
+    facts = "ex:a ex:partOf ex:b . ex:b ex:partOf ex:c"
+    update(changing, HERE + f"INSERT DATA {{ GRAPH ex:g {{ {facts} }} }}")
+    assert update(changing, HERE + "MOVE ex:g TO ex:h").added == 2
+    assert truth(changing, "GRAPH ex:h { ex:a ex:partOf ex:c }")
+    update(changing, HERE + "DELETE DATA { GRAPH ex:h { ex:b ex:partOf ex:c } }")
+    assert not truth(changing, "GRAPH ?g { ex:a ex:partOf ex:c }")
+
+
+def test_a_graph_may_be_named_like_an_entity(changing: psycopg.Connection) -> None:
+    update(changing, HERE + "INSERT DATA { ex:partOf a owl:TransitiveProperty }")
+    reason(changing)
+    (name,) = query(changing, "SELECT ?e { ?e semmap:kind 'object' } ORDER BY ?e LIMIT 1").rows[0]
+    facts = "ex:a ex:partOf ex:b . ex:b ex:partOf ex:c"
+    update(changing, HERE + f"INSERT DATA {{ GRAPH {name.n3()} {{ {facts} }} }}")
+    assert truth(changing, f"GRAPH {name.n3()} {{ ex:a ex:partOf ex:c }}")
+    using = f"DELETE {{ ?s ex:far ?o }} INSERT {{ ?s ex:far ?o }} USING {name.n3()} "
+    update(changing, HERE + using + "WHERE { ?s ex:partOf ?o }")
+    assert truth(changing, "ex:a ex:far ex:b, ex:c")
+    rows = "SELECT ?g FROM NAMED ex:other { GRAPH ?g { ex:a ex:partOf ex:c } }"
+    assert not query(changing, HERE + rows).rows
+    rows = f"SELECT ?g FROM NAMED {name.n3()} {{ GRAPH ?g {{ ex:a ex:partOf ex:c }} }}"
+    assert list(query(changing, HERE + rows).rows) == [(name,)]
+
+
+def test_a_deleted_entity_is_no_change_of_a_graph(changing: psycopg.Connection) -> None:
+    def graphs() -> set[str]:
+        sql = "SELECT jsonb_object_keys(graphs) FROM reasoning WHERE map_id = current_map()"
+        return {name for (name,) in changing.execute(sql)}
+
+    reason(changing)
+    before = graphs()
+    changing.execute("DELETE FROM entity WHERE name = 'sofa' AND map_id = current_map()")
+    reason(changing)
+    assert graphs() == before
 
 
 @settings(
