@@ -197,17 +197,26 @@ def _missed(problem: SearchProblem, belief: Floats) -> float:
     """What it costs not to find the object, seconds, so that looks leave `LEFT` of their chances.
 
     They go on until an average look, which shows `LEFT` of what it showed at first, is not worth
-    its time; each takes its share of the time from viewpoint to viewpoint, the nearest first.
+    its time; each takes its share of the time from viewpoint to viewpoint, the nearest first. Where
+    no way leads on, as behind a one-way door, the next one counts from the start. If no look shows
+    the object, a search is worth no more than a look.
     """
     left = np.isfinite(problem.start)
     seconds, legs = 0.0, problem.start
-    for _ in range(int(left.sum())):
+    while left.any():
+        if not np.isfinite(legs[left]).any():
+            legs = problem.start
         nearest = int(np.where(left, legs, np.inf).argmin())
         seconds += float(legs[nearest] + problem.look + problem.opening[nearest])
         left[nearest], legs = False, problem.travel[nearest]
-    in_view = problem.visible[np.isfinite(problem.start)].max(axis=0, initial=0.0)
-    chance = float(in_view @ belief[0])
-    return seconds / (LEFT * chance) if chance > 0 and 0 < seconds < math.inf else problem.look
+    chance = _in_view(problem, belief)
+    return seconds / (LEFT * chance) if chance > 0 else problem.look
+
+
+def _in_view(problem: SearchProblem, belief: Floats) -> float:
+    """P(the object is where a viewpoint that the robot reaches shows it)."""
+    shown = problem.visible[np.isfinite(problem.start)].max(axis=0, initial=0.0)
+    return float(shown @ belief[0])
 
 
 def _points(places: Sequence[BeliefPlace], height: float) -> tuple[Floats, NDArray[np.intp]]:

@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from planner.search import problem_builder
 from planner.search.pomdp import Pomdp, write_pomdp
 from planner.search.receding_horizon import decide, tour_seconds
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
@@ -333,3 +336,20 @@ def test_the_seconds_of_a_tour_are_those_until_the_object_is_found(seed):
         at = stop
         opened.add(stop)
     assert tour_seconds(problem, belief, tour) == pytest.approx(expected)
+
+
+def test_what_a_missed_object_costs_counts_each_viewpoint_once_behind_a_one_way_door():
+    """Nothing leads on from the first two viewpoints, and nothing leads to the last one."""
+    problem, belief = random_search(0, places=4, viewpoints=4)
+    problem = replace(
+        problem,
+        start=np.array([1.0, 2.0, 9.0, np.inf]),
+        travel=np.where(np.eye(4, dtype=bool), 0.0, np.inf),
+        opening=np.array([0.0, 0.0, 8.0, 0.0]),
+    )
+    seconds = (1 + 2) + (2 + 2) + (9 + 2 + 8)
+    chance = belief[0, :3].sum()
+    missed = problem_builder._missed(problem, belief)
+    assert missed == pytest.approx(seconds / (problem_builder.LEFT * chance))
+    problem = replace(problem, missed=missed, wrong=20 * missed)
+    assert decide(problem, belief).action == "go"
