@@ -33,16 +33,18 @@ HISTORY = 0.5
 AWAY = 0.1
 """The prior of being at no place, as in the map (`belief_model.prior_elsewhere`)."""
 
-LIMIT = Detector.limit  # seconds after which a search ends
-
 RESAMPLES = 2000  # of the bootstrap, percentiles of the mean
 
 _Looks = list[tuple[int, int]]  # a viewpoint, and the place in which the object was seen
 _Decisions = dict[tuple[Any, ...], tuple[int | None, tuple[int, ...]]]
 
 
-def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
+def compare(
+    search: MapSearch, trials: int, seed: int = 0, *, limit: float = Detector.limit
+) -> dict[str, Any]:
     """How several strategies search for the same objects: how right they are, and how fast.
+
+    A search ends after `limit` seconds.
 
     For each of `CASES`, and for all together, there are the `seconds` of each strategy, and the
     shares of searches that have `found` the object, are `wrong` (found where it is not), or have
@@ -74,7 +76,7 @@ def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:
             rows = []
             for number, spot in enumerate((here, here, there)):
                 answers = np.random.default_rng([seed, trial, number])
-                seconds, place = _search(problem, strategy, spot, answers)
+                seconds, place = _search(problem, strategy, spot, answers, limit)
                 found = place == problem.place_of[spot]
                 missed = place is None and bool(shown[spot])
                 rows.append((seconds, found, not found and place is not None, missed))
@@ -116,7 +118,7 @@ def _spot(search: MapSearch, place: int, draw: np.random.Generator) -> int:
 
 
 def _search(
-    problem: SearchProblem, strategy: Any, spot: int, draw: np.random.Generator
+    problem: SearchProblem, strategy: Any, spot: int, draw: np.random.Generator, limit: float
 ) -> tuple[float, int | None]:
     """The seconds of one search, and the place that it finds; None if it does not find the object.
 
@@ -126,7 +128,7 @@ def _search(
     at: int | None = None
     seconds, opened = 0.0, set()
     looks: _Looks = []
-    while seconds < LIMIT:
+    while seconds < limit:
         to = strategy.choose(belief, at, looks)
         if to is None:
             break

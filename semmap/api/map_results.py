@@ -278,9 +278,11 @@ class ObjectSearch:
 
     def compare(self, trials: int, seed: int = 0) -> dict[str, Any]:
         """Seconds and rates of this and other strategies over random objects."""
+        from planner.search.problem_builder import Detector
         from planner.search.trials import compare
 
-        return compare(self.problem, trials, seed)
+        detector = self.options.get("detector") or Detector()
+        return compare(self.problem, trials, seed, limit=detector.limit)
 
     def write_pomdp(self, path: Path | str) -> Path:
         """Write it as a ``.pomdp`` file for other solvers."""

@@ -15,6 +15,7 @@ from planner.mission.runner import MissionEvent
 from planner.search import search_mission
 from planner.search.line_of_sight import LineOfSight, line_of_sight
 from planner.search.problem_builder import Detector, MapSearch, build_search
+from planner.search.receding_horizon import decide
 from planner.search.search_mission import NotFoundError, SearchPlanner
 from planner.search.search_problem import as_pomdp
 from planner.search.sim_search import find_spots, searching_robot
@@ -22,6 +23,7 @@ from planner.search.task_search import SearchingPlanner
 from planner.search.trials import compare
 from planner.search.viewpoints import Sight
 from planner.task_planner import TaskPlanner
+from semmap.api.map_results import ObjectSearch
 from semmap.geometry.mesh import box_mesh
 from semmap.query.map_handle import MapHandle
 from tests.command_line import semmap
@@ -213,6 +215,18 @@ def test_what_a_search_finds_is_true_and_what_is_remembered_is_found_sooner():
         assert cases["still there"][name]["slower"]["low"] > 0, name
     with pytest.raises(ValueError, match="1 trials"):
         compare(search, 1)
+
+
+def test_trials_end_after_the_limit_of_the_detector():
+    """With 1 s there is one look, from the viewpoint that the strategy chooses."""
+    problem, belief = random_search(0, false_alarm=0.02, wrong=400_000.0)
+    search = MapSearch(replace(problem, missed=20_000.0), belief, (), np.ones(3), None)
+    options = {"detector": Detector(limit=1.0)}
+    found = ObjectSearch("mug", {}, search, decide(problem, belief), None, options).compare(4)
+    once = problem.start.max() + problem.look
+    for rows in found["cases"].values():
+        for name, row in rows.items():
+            assert row["seconds"]["mean"] <= once + 1e-9, name
 
 
 def test_a_wall_hides_what_is_behind_it():
