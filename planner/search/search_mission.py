@@ -41,7 +41,9 @@ class NotFoundError(Error, ValueError):
 class SearchResult:
     """The end of a search: the object is found at a place, or it is not found.
 
-    It is found where the belief is `sure` or more. Else `place` is only the most probable one.
+    It is found where the belief is `sure` or more. If the goal needs the object itself, such as
+    ``on(mug, desk1)``, it must also have been seen there in this search, unless the map has it
+    there. Else `place` is only the most probable one.
     """
 
     found: bool
@@ -165,68 +167,90 @@ class SearchPlanner:
     ) -> _State:
         """The belief after what the robot has seen since the last call."""
         state = self._states.get(name)
-        if state is not None:
-            known = {name, *state.search.problem.places} - {ELSEWHERE}
-            if read_missing(seen.connection, known):  # a place was removed: begin again without it
-                state = None
         if state is None:
-            search = self.begin(seen, name, start, graph)
-            _, newest = read_looks(seen, name, robot, 0)
-            hidden = np.ones(len(search.share))
-            self._states[name] = state = _State(search, search.belief, newest, hidden)
-            return state
-        rows, state.newest = read_looks(seen, name, robot, state.newest)
-        if not rows or start.pose is None:
-            return state
-        at = state.search.nearest(start.place, start.pose)
-        where = next((row.place for row in rows if row.seen), None)
+            return self._begun(seen, robot, name, graph, start)
         problem = state.search.problem
-        answer = NOT_SEEN if where not in problem.places else problem.places.index(where)
-        state.looks += 1
-        state.planned = None
-        state.seen_in |= {where} if where is not None else frozenset()
-        state.looked_at = (*dict.fromkeys([*state.looked_at, *(row.place for row in rows)]),)
-        if at is not None:
+        rows, state.newest = read_looks(seen, name, robot, state.newest)
+        where = next((row.place for row in rows if row.seen), None)
+        if rows:
+            state.looks += 1
+            state.planned = None
+            state.seen_in |= {where} if where is not None else frozenset()
+            state.looked_at = (*dict.fromkeys([*state.looked_at, *(row.place for row in rows)]),)
+        if read_missing(seen.connection, {name, *problem.places} - {ELSEWHERE}):
+            return self._begun(seen, robot, name, graph, start)  # again, without a removed place
+        at = None if start.pose is None else state.search.nearest(start.place, start.pose)
+        if rows and at is not None:
+            answer = NOT_SEEN if where not in problem.places else problem.places.index(where)
             state.hidden = state.hidden * (1 - problem.visible[at])
             try:
                 state.belief = problem.after(state.belief, at, [answer])
             except ValueError:  # it is where no look from here should show it: begin again
-                del self._states[name]
-                return self._state(seen, robot, name, graph, start)
+                return self._begun(seen, robot, name, graph, start)
         return state
+
+    def _begun(
+        self, seen: Snapshot, robot: str, name: str, graph: RoutingGraph, start: Endpoint
+    ) -> _State:
+        """A state of the present belief; its looks and its time go on from an earlier one."""
+        search = self.begin(seen, name, start, graph)
+        _, newest = read_looks(seen, name, robot, 0)
+        begun = _State(search, search.belief, newest, np.ones(len(search.share)))
+        earlier = self._states.get(name)
+        if earlier is not None:
+            kept = ("looked_at", "seen_in", "looks", "seconds")
+            begun = replace(begun, **{field: getattr(earlier, field) for field in kept})
+        self._states[name] = begun
+        return begun
 
     def _end(
         self, search: MapSearch, state: _State, name: str, decision: Decision, place: str | None
     ) -> None:
         """Keep how the search ended; NotFoundError where the object has no place."""
-        chances = search.problem.by_place(state.belief)[0]
-        best = int(chances.argmax()) if place is None else search.problem.places.index(place)
-        likeliest, chance = search.problem.places[best], float(chances[best])
-        covered = float((state.search.belief[0] * (1 - state.hidden)).sum())
-        if place is not None:
-            reason = explain(search, state.belief, decision, seen=place in state.seen_in)
-        else:
-            why = _why_no_look(search, decision)
-            if state.seconds >= self.detector.limit:
-                why = f"The time of the search is over ({self.detector.limit:.0f} s)"
-            reason = (
-                f"{name} was not found in {_looked_at(state, covered)}; most probable are "
-                f"{_likeliest(search, state.belief)}. {why}{_unseen(search, state.belief)}"
+        over = self.detector.limit if state.seconds >= self.detector.limit else None
+        self.answers[name] = result = _result(search, state, decision, place, over)
+        if not result.found:
+            raise NotFoundError(result.reason)
+        self._say(result.reason)
+
+
+def _result(
+    search: MapSearch, state: _State, decision: Decision, place: str | None, over: float | None
+) -> SearchResult:
+    """The end of a search that has found the object at a place, or has not; and why it ended.
+
+    `over` is the limit, seconds, if the search ends because its time is over.
+    """
+    problem, belief = search.problem, state.belief
+    chances = problem.by_place(belief)[0]
+    best = int(chances.argmax()) if place is None else problem.places.index(place)
+    likeliest, chance = problem.places[best], float(chances[best])
+    covered = float((state.search.belief[0] * (1 - state.hidden)).sum())
+    time = None if over is None else f"the time of the search is over ({over:.0f} s)"
+    if place is not None:
+        reason = _declared(search, belief, place, place in state.seen_in, time, decision)
+    else:
+        why = _why_no_look(search, decision) if time is None else time.capitalize()
+        (declared,), _ = problem.declared(belief)
+        if declared is not None:
+            why = f"It is probably at {declared}, but was not seen there" + (
+                f": {time}" if time is not None else _no_look_at(search, decision)
             )
-        self.answers[name] = SearchResult(
-            place is not None,
-            likeliest,
-            chance,
-            search.problem.sure,
-            likeliest in state.seen_in,
-            state.looks,
-            state.looked_at,
-            covered,
-            reason,
+        reason = (
+            f"{problem.objects[0]} was not found in {_looked_at(state, covered)}; most probable "
+            f"are {_likeliest(search, belief)}. {why}{_unseen(search, belief)}"
         )
-        if place is None:
-            raise NotFoundError(reason)
-        self._say(reason)
+    return SearchResult(
+        place is not None,
+        likeliest,
+        chance,
+        problem.sure,
+        likeliest in state.seen_in,
+        state.looks,
+        state.looked_at,
+        covered,
+        reason,
+    )
 
 
 def _found_place(search: MapSearch, state: _State, accepted: str | None) -> str | None:
@@ -266,6 +290,14 @@ def _why_no_look(search: MapSearch, decision: Decision) -> str:
         f"No look is worth its time: the best, from {name}, takes {best.seconds:.0f} s and shows "
         f"it with {best.chance:.1%}"
     )
+
+
+def _no_look_at(search: MapSearch, decision: Decision) -> str:
+    """Why an object that is probably at a place is not looked for there any more."""
+    chance = max((o.chance for o in decision.options if o.viewpoint is not None), default=None)
+    if chance is None:
+        return ": no pose that the robot reaches shows it"
+    return f": no look shows it with more than {chance:.1%}"
 
 
 def _without_failed(search: MapSearch, state: _State, at: int | None) -> MapSearch:
@@ -327,14 +359,8 @@ def explain(
         return f"{name}: {_likeliest(search, belief)}. {_why_no_look(search, decision)}"
     if decision.action == "declare":
         (place,), _ = problem.declared(belief)
-        others = [o for o in decision.options if o.viewpoint is not None]
-        chance = float(problem.by_place(belief)[0].max())
-        how = "seen there" if seen else f"not seen there, but {problem.sure:.0%} is sure enough"
-        why = "no viewpoint shows where else it may be"
-        if others:
-            best = search.viewpoints[others[0].viewpoint or 0].name
-            why = f"another look, from {best} ({others[0].seconds:.0f} s), is not worth its time"
-        return f"{name} is at {place} ({chance:.1%}; {how}): {why}{_unseen(search, belief)}"
+        assert place is not None  # else the search gives up
+        return _declared(search, belief, place, seen, None, decision)
     assert decision.viewpoint is not None
     viewpoint = search.viewpoints[decision.viewpoint]
     chosen = decision.options[0]
@@ -353,6 +379,28 @@ def explain(
             f"{next_.chance:.0%})"
         )
     return text + _unseen(search, belief)
+
+
+def _declared(
+    search: MapSearch,
+    belief: Floats,
+    place: str,
+    seen: bool,
+    why: str | None,
+    decision: Decision,
+) -> str:
+    """Where an object is found, and why the search ends: by default, no look is worth its time."""
+    problem = search.problem
+    chance = float(problem.by_place(belief)[0, problem.places.index(place)])
+    how = "seen there" if seen else f"not seen there, but {problem.sure:.0%} is sure enough"
+    looks = [o for o in decision.options if o.viewpoint is not None]
+    if why is None and looks:
+        best = search.viewpoints[looks[0].viewpoint or 0].name
+        why = f"another look, from {best} ({looks[0].seconds:.0f} s), is not worth its time"
+    why = why or "no viewpoint shows where else it may be"
+    return (
+        f"{problem.objects[0]} is at {place} ({chance:.1%}; {how}): {why}{_unseen(search, belief)}"
+    )
 
 
 WORTH_SAYING = 0.05

@@ -1,12 +1,16 @@
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from planner.search import problem_builder
+from planner.search import problem_builder, search_mission
 from planner.search.pomdp import Pomdp, write_pomdp
+from planner.search.problem_builder import Detector, MapSearch, Viewpoint
 from planner.search.receding_horizon import decide, tour_seconds
+from planner.search.search_mission import NotFoundError, SearchPlanner, explain
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
+from semmap.geometry.pose import Pose
 from tests.oracles.point_based import solve
 from tests.planner.search.brute import best_order, expectimax
 from tests.planner.search.pomdp_reader import read_pomdp
@@ -353,3 +357,65 @@ def test_what_a_missed_object_costs_counts_each_viewpoint_once_behind_a_one_way_
     assert missed == pytest.approx(seconds / (problem_builder.LEFT * chance))
     problem = replace(problem, missed=missed, wrong=20 * missed)
     assert decide(problem, belief).action == "go"
+
+
+def search_at_tables(belief, *, missed=50.0, **changes):
+    """A search at three places, the last of which is elsewhere; its state has that belief."""
+    problem, _ = random_search(0, elsewhere=True)
+    names = ("t1", "t2", "elsewhere")
+    problem = replace(problem, places=names, missed=missed, wrong=20 * missed, **changes)
+    shows = [names[int(row.argmax())] for row in problem.visible]
+    viewpoints = tuple(
+        Viewpoint(name, "kitchen", Pose.planar(k, 0.0, 0.0, 0.0), ((place, 1.0),))
+        for k, (name, place) in enumerate(zip(problem.viewpoints, shows, strict=True))
+    )
+    search = MapSearch(problem, np.array([belief]), viewpoints, np.ones(3), None)
+    return search, search_mission._State(search, search.belief, 0, np.ones(3))
+
+
+def end(search, state, *, accepted="elsewhere", limit=3600.0):
+    """What the planner keeps of the end of a search."""
+    planner = SearchPlanner(None, detector=Detector(limit=limit))
+    place = search_mission._found_place(search, state, accepted)
+    decision = decide(search.problem, state.belief)
+    if decision.action == "declare" and place is None:
+        decision = search_mission._with_last_look(decision)
+    with suppress(NotFoundError):
+        planner._end(search, state, "object0", decision, place)
+    return planner.answers["object0"]
+
+
+def test_a_find_at_the_end_of_the_time_says_that_the_time_is_over():
+    search, state = search_at_tables([0.96, 0.03, 0.01], missed=10_000.0)
+    assert decide(search.problem, state.belief).action == "go"  # a look would still be worth it
+    state.seconds = 100.0
+    answer = end(search, state, limit=60.0)
+    assert (answer.found, answer.place) == (True, "t1")
+    assert answer.reason == (
+        "object0 is at t1 (96.0%; not seen there, but 95% is sure enough): "
+        "the time of the search is over (60 s)"
+    )
+
+
+@pytest.mark.parametrize("over", [False, True])
+def test_an_object_that_must_be_seen_is_not_found_where_it_only_probably_is(over):
+    search, state = search_at_tables([0.97, 0.02, 0.01], visible=np.zeros((3, 3)))
+    state.seconds = 100.0
+    limit = 60.0 if over else 3600.0
+    answer = end(search, state, accepted="t2", limit=limit)
+    assert (answer.found, answer.seen, answer.place) == (False, False, "t1")
+    assert "It is probably at t1, but was not seen there" in answer.reason
+    assert ("the time of the search is over (60 s)" in answer.reason) == over
+    assert "where else" not in answer.reason
+    assert "worth its time" not in answer.reason
+    assert end(search, state, accepted="t1", limit=limit).found, "the map has it there"
+    state.seen_in = frozenset(["t1"])
+    assert end(search, state, accepted="t2", limit=limit).found
+
+
+def test_the_chance_of_a_find_is_that_of_its_place():
+    search, _ = search_at_tables([0.4, 0.05, 0.55], missed=5.0)
+    search = replace(search, problem=replace(search.problem, wrong=8.0))
+    decision = decide(search.problem, search.belief)
+    assert decision.action == "declare"
+    assert explain(search, search.belief, decision).startswith("object0 is at t1 (40.0%;")

@@ -166,6 +166,35 @@ def test_a_search_ends_when_its_time_is_over(clean):
     assert answers["muffin1"].looks == 1
 
 
+def test_a_search_that_begins_again_keeps_its_looks_and_its_time(clean):
+    """Desk 4, where the map has the muffin, has another name after the first look."""
+    with clean.world.change() as file:
+        file.execute("DELETE FROM thing WHERE name = 'muffin1'")
+    rename = (
+        "UPDATE entity SET name = :new WHERE map_id = current_map() AND name = :old RETURNING 1"
+    )
+    done = []
+
+    def change(event: MissionEvent) -> None:
+        if event.kind == "ended":
+            done.append(event.command)
+            looks = [step for step in done if step.behaviour == "look"]
+            if looks == [event.command]:
+                assert clean.ask(rename, old="desk4", new="bench")
+
+    detector = Detector(0.99, 0.001, limit=60.0)
+    try:
+        result, answers, _ = search(clean, detector=detector, on_event=change)
+    finally:
+        clean.ask(rename, old="bench", new="desk4")
+    looks = [step for step in done if step.behaviour == "look"]
+    assert result.state == "failed"
+    assert answers["muffin1"].looks == len(looks) > 1
+    assert "bench" in answers["muffin1"].looked_at
+    before = done[: done.index(looks[-2]) + 1]  # the last plan begins before the time is over
+    assert sum(step.seconds for step in before) < 60 <= sum(step.seconds for step in done)
+
+
 @pytest.fixture(scope="module")
 def office_search(mission_url: str):
     """The search for the muffin in the office, from lab1."""
