@@ -92,6 +92,7 @@ class SearchPlanner:
         self._say = say or (lambda text: None)
         self._states: dict[str, _State] = {}
         self.answers: dict[str, SearchResult] = {}
+        self._ended_without: dict[str, frozenset[str]] = {}
 
     def begin(
         self,
@@ -120,6 +121,14 @@ class SearchPlanner:
             shut=known.shut,
             progress=progress,
         )
+
+    def not_found(self, without: frozenset[str]) -> set[str]:
+        """The objects that were not found by plans without these connectors, or without fewer."""
+        return {
+            name
+            for name, answer in self.answers.items()
+            if not answer.found and self._ended_without[name] <= without
+        }
 
     def next_steps(
         self,
@@ -152,7 +161,9 @@ class SearchPlanner:
         place = _found_place(search, state, accepted)
         if decision.action == "declare" and place is None:
             decision = _with_last_look(decision)
+        self.answers.pop(name, None)
         if decision.viewpoint is None or state.seconds >= self.detector.limit:
+            self._ended_without[name] = without
             self._end(search, state, name, decision, place)
             return Plan(goal, (), 0.0, 0.0)
         self._say(explain(search, state.belief, decision, opened))

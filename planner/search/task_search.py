@@ -51,10 +51,11 @@ class SearchingPlanner:
         self._search.live.catch_up()
         parsed = parse_goal(goal, ((FOUND, 1), *self._relations))
         wanted = {w.text for atom in parsed.atoms if atom.relation == FOUND for w in atom.words}
-        missed = {name for name, answer in self._search.answers.items() if not answer.found}
+        found = {name for name, answer in self._search.answers.items() if answer.found}
+        missed = self._search.not_found(without)
         names, doubted = objects_to_find(seen, parsed, missed)
         for name in names:
-            if name in self._search.answers and name not in missed:
+            if name in found:
                 continue
             if read_kind(seen, name) is None:
                 raise LookupError(f"the map has no {name} any more: nothing is left to search for")
@@ -124,9 +125,11 @@ def plan_with_search(
 
     It begins with an action ``search`` for each such object. What follows is planned for the place
     where the object most probably is, or for the next one if no plan leads on from there. A mission
-    plans again after each look.
+    plans again after each look. Raises NotFoundError: no look for an object of ``found(...)`` is
+    worth its time.
     """
     parsed = parse_goal(goal, ((FOUND, 1), *relations))
+    wanted = {w.text for atom in parsed.atoms if atom.relation == FOUND for w in atom.words}
     names, doubted = objects_to_find(seen, parsed)
     if not names and not doubted:
         return None
@@ -139,6 +142,8 @@ def plan_with_search(
         found = search.begin(seen, name, begin)
         decision = decide(found.problem, found.belief)
         reasons.append(explain(found, found.belief, decision) + DOUBTED)
+        if decision.action == "give up" and name in wanted:
+            raise NotFoundError(reasons[-1])
         if decision.viewpoint is None:
             continue
         rooms = [found.viewpoints[k].name for k in decision.tour]

@@ -8,6 +8,10 @@ from collections.abc import Iterator
 import pytest
 
 import semmap
+from planner.search.problem_builder import Detector
+from planner.search.search_mission import NotFoundError, SearchPlanner
+from planner.search.task_search import SearchingPlanner, plan_with_search
+from planner.task_planner import TaskPlanner
 from semmap import Database, Map
 from semmap.belief.store.beliefs import ELSEWHERE
 from tests.office import delivery_robot
@@ -77,3 +81,36 @@ def test_no_place_from_which_a_plan_leads_on_is_said(flat: Map) -> None:
     flat.observe("block", "kitchen")
     with pytest.raises(ValueError, match=r"block is 0\.90 m wide; the robot lifts objects up to"):
         flat.plan("on(block, table2)", start="kitchen")
+
+
+def test_a_plan_that_only_finds_refuses_where_no_look_is_worth_its_time(flat: Map) -> None:
+    flat.observe("ball", "living", seen=False)
+    live = flat.live_topology()
+    search = SearchPlanner(live, detector=Detector(missed=0.5))
+    with live.snapshot() as seen, pytest.raises(NotFoundError, match=r"ball: .*is worth its time"):
+        plan_with_search(seen, TaskPlanner(live), search, "found(ball)", "kitchen", patience=5.0)
+
+
+def test_what_is_not_found_without_a_busy_door_is_searched_for_once_it_is_free(flat: Map) -> None:
+    """Cup 1 is behind the door, and its place is surer than that of cup 2."""
+    for name, pose in (("cup1", (8, 3, 0, 0)), ("cup2", (2, 4, 0, 0))):
+        flat.add_object(name, type="cup", size=(0.06, 0.06, 0.06), pose=pose)
+    flat.observe("cup1", "table2")
+    flat.observe("cup2", "table1")
+    flat.observe("cup2", "table1", seen=False)
+    flat.add_agent("robot", type="robot", size=(0.4, 0.4, 0.8), pose=(3, 3, 0, 0))
+    live = flat.live_topology()
+    search = SearchPlanner(live, detector=Detector(missed=25.0))
+    planner = SearchingPlanner(TaskPlanner(live), search)
+
+    def looked_for(without: frozenset[str]) -> list[str]:
+        with live.snapshot() as seen:
+            plan = planner(seen, "robot", "on(cup, table1)", without=without)
+        return [action.arguments[0] for action in plan.actions if action.name == "look"]
+
+    free, busy = frozenset[str](), frozenset(["door"])
+    assert looked_for(free) == ["cup1"]
+    assert looked_for(busy) == ["cup2"]  # as the runner plans while another robot has the door
+    assert not search.answers["cup1"].found
+    assert looked_for(free) == ["cup1"]
+    assert "cup1" not in search.answers
