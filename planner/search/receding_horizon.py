@@ -102,6 +102,21 @@ def decide(
     return Decision("open" if shut else "look", best, tuple(options), tour)
 
 
+def cheapest(searches: Sequence[tuple[SearchProblem, Floats]]) -> int:
+    """The number of the search that costs least, of problems with their beliefs (O, S).
+
+    All are compared with the largest costs of a missed and of a wrong object among them: a search
+    that is worth little to its own problem would seem cheap.
+    """
+    missed = [problem.missed for problem, _ in searches if problem.missed is not None]
+    wrong = max(problem.wrong for problem, _ in searches)
+    costs = [
+        decide(replace(problem, missed=max(missed, default=None), wrong=wrong), belief).cost
+        for problem, belief in searches
+    ]
+    return costs.index(min(costs))
+
+
 def tour_seconds(problem: SearchProblem, belief: Floats, tour: Sequence[int]) -> float:
     """The expected seconds of a tour, which ends when an object is found: no cost of answers."""
     if not tour:

@@ -228,7 +228,7 @@ class MapTasks(MapDriving):
 
         Parameters
         ----------
-        name : of the object, or a type: the one of it whose search takes the least time
+        name : of the object, or a type: the one of it whose search costs least
         start, robot : as for `plan`
         sight, detector : the robot's camera, and how well it recognises objects
         progress : called with a place that is measured, its number, and the number of places
@@ -238,7 +238,7 @@ class MapTasks(MapDriving):
         LookupError, ValueError
             The map has no such object, robot or start, or it cannot be searched for.
         """
-        from planner.search.receding_horizon import decide
+        from planner.search.receding_horizon import cheapest, decide
         from planner.search.search_mission import SearchPlanner
         from planner.tasks.reader import read_state
         from semmap.api.map_results import ObjectSearch
@@ -251,10 +251,10 @@ class MapTasks(MapDriving):
             planner = SearchPlanner(live, sight, detector)
             names = things_named(seen, name)
             begun = [planner.begin(seen, each, begin, progress=progress) for each in names]
-            decisions = [decide(problem.problem, problem.belief) for problem in begun]
-            best = min(range(len(names)), key=lambda number: decisions[number].cost)
-            belief = read_belief(seen, names[best])
-        name, problem, decision = names[best], begun[best], decisions[best]
+            best = cheapest([(each.problem, each.belief) for each in begun]) if names[1:] else 0
+            name, problem = names[best], begun[best]
+            belief = read_belief(seen, name)
+        decision = decide(problem.problem, problem.belief)
         options = {"start": start, "robot": robot, "sight": sight, "detector": detector}
         return ObjectSearch(name, belief, problem, decision, self, options, live.assumed_body)
 

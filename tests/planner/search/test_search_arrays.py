@@ -7,7 +7,7 @@ import pytest
 from planner.search import problem_builder, search_mission
 from planner.search.pomdp import Pomdp, write_pomdp
 from planner.search.problem_builder import Detector, MapSearch, Viewpoint
-from planner.search.receding_horizon import decide, tour_seconds
+from planner.search.receding_horizon import cheapest, decide, tour_seconds
 from planner.search.search_mission import NotFoundError, SearchPlanner, explain
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
 from semmap.geometry.pose import Pose
@@ -419,3 +419,15 @@ def test_the_chance_of_a_find_is_that_of_its_place():
     decision = decide(search.problem, search.belief)
     assert decision.action == "declare"
     assert explain(search, search.belief, decision).startswith("object0 is at t1 (40.0%;")
+
+
+def test_the_cheapest_search_is_that_of_the_object_that_is_probably_found():
+    """The other one is nearly always elsewhere; to miss it costs little in its own problem."""
+    likely, hopeless = [[0.9, 0.05, 0.05]], [[0.01, 0.01, 0.98]]
+    problem, _ = random_search(0, elsewhere=True)
+    problem = replace(problem, places=("t1", "t2", "elsewhere"), missed=400.0, wrong=8000.0)
+    other = replace(problem, missed=5.0, wrong=100.0)
+    searches = [(problem, np.array(likely)), (other, np.array(hopeless))]
+    assert decide(*searches[1]).cost < decide(*searches[0]).cost
+    assert cheapest(searches) == 0
+    assert cheapest(searches[::-1]) == 1
