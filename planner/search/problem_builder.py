@@ -81,6 +81,11 @@ class MapSearch:
     graph: RoutingGraph  # of the travel times
 
     @property
+    def in_view(self) -> float:
+        """P(the object is where a viewpoint that the robot reaches shows it), before any look."""
+        return _in_view(self.problem, self.belief)
+
+    @property
     def unseen(self) -> list[str]:
         """Places where it may be that no look shows: from no pose that the robot reaches."""
         shown = {place for viewpoint in self.viewpoints for place, _ in viewpoint.shows}

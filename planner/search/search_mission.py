@@ -418,14 +418,22 @@ WORTH_SAYING = 0.05
 """The chance of a place from which it is said that no look shows it."""
 
 
+LITTLE = 0.5
+"""The share of the belief below which it is said how much of it all viewpoints show."""
+
+
 def _unseen(search: MapSearch, belief: Floats) -> str:
-    """The likely places that no look shows, as a sentence; empty if there are none."""
+    """The likely places that no look shows, and how little all looks show; empty without such."""
     chances = dict(zip(search.problem.places, search.problem.by_place(belief)[0], strict=True))
     likely = [p for p in search.unseen if chances[p] >= WORTH_SAYING]
-    if not likely:
-        return ""
-    named = ", ".join(f"{place} ({chances[place]:.0%})" for place in likely[:MOST_NAMES])
-    return f". No pose that the robot reaches shows {named}"
+    text = ""
+    if likely:
+        named = ", ".join(f"{place} ({chances[place]:.0%})" for place in likely[:MOST_NAMES])
+        text = f". No pose that the robot reaches shows {named}"
+    if search.in_view < LITTLE:
+        count = len(search.viewpoints)
+        text += f". All {count} viewpoints show {search.in_view:.0%} of where it may be"
+    return text
 
 
 def _likeliest(search: MapSearch, belief: Floats) -> str:

@@ -431,3 +431,14 @@ def test_the_cheapest_search_is_that_of_the_object_that_is_probably_found():
     assert decide(*searches[1]).cost < decide(*searches[0]).cost
     assert cheapest(searches) == 0
     assert cheapest(searches[::-1]) == 1
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.0, "10%"), (1.0, None)])
+def test_a_search_says_how_little_its_viewpoints_show(share, said):
+    """Where the first viewpoints show nothing, all show what is at the second table."""
+    search, _ = search_at_tables([0.85, 0.1, 0.05], missed=10_000.0)
+    visible = search.problem.visible * np.array([share, 1.0, 1.0])
+    search = replace(search, problem=replace(search.problem, visible=visible))
+    reason = explain(search, search.belief, decide(search.problem, search.belief))
+    shows = f"All 3 viewpoints show {said} of where it may be"
+    assert reason.endswith(shows) if said else "of where it may be" not in reason
