@@ -100,11 +100,19 @@ class MapSearch:
                 return number
         return None
 
-    def from_here(self, start: Endpoint) -> MapSearch:
-        """The same search from another place of the robot."""
-        ends = [self.graph.endpoint(v.room, v.pose) for v in self.viewpoints]
-        seconds = seconds_between(self.graph, [start], ends)[0]
-        return replace(self, problem=replace(self.problem, start=seconds))
+    def from_here(self, start: Endpoint, graph: RoutingGraph, at: int | None) -> MapSearch:
+        """The same search from another place of the robot, an endpoint of this graph.
+
+        The robot is at the viewpoint `at`, or at none. The next way is that of the graph; none
+        leads to what it does not reach. Ways between other viewpoints stay as they were.
+        """
+        ends = [graph.endpoint(v.room, v.pose) for v in self.viewpoints]
+        seconds = seconds_between(graph, [start], ends)[0]
+        travel = np.where(np.isfinite(seconds), self.problem.travel, np.inf)
+        if at is not None:
+            seconds[at] = 0.0
+            travel[at] = seconds
+        return replace(self, problem=replace(self.problem, start=seconds, travel=travel))
 
 
 def build_search(

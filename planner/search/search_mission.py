@@ -71,6 +71,7 @@ class _State:
     seconds: float = 0.0  # of the steps planned so far
     planned: int | None = None
     failures: int = 0
+    failed: frozenset[int] = frozenset()  # viewpoints that the robot did not reach
 
 
 class SearchPlanner:
@@ -99,7 +100,6 @@ class SearchPlanner:
         seen: Snapshot,
         name: str,
         start: Endpoint,
-        graph: RoutingGraph | None = None,
         progress: Callable[[str, int, int], None] | None = None,
     ) -> MapSearch:
         """The search for an object from where the robot is.
@@ -113,7 +113,7 @@ class SearchPlanner:
             known.belief,
             known.places,
             known.occluders,
-            graph or self.live.graph,
+            self.live.graph,
             start,
             height=known.height,
             sight=self.sight,
@@ -151,11 +151,13 @@ class SearchPlanner:
         if where is None:
             raise LookupError(f"no room holds {robot}: give its start by start=")
         start = graph.endpoint(*where)
-        state = self._state(seen, robot, name, graph, start)
+        state = self._state(seen, robot, name, start)
         done = read_opened(seen, robot)
         opened = frozenset(k for k, v in enumerate(state.search.viewpoints) if v.opens in done)
         at = state.search.nearest(*where)
-        search = state.search if at is not None else state.search.from_here(start)
+        search = state.search
+        if at is None or graph is not search.graph:
+            search = search.from_here(start, graph, at)
         search = _without_failed(search, state, at)
         decision = decide(search.problem, state.belief, at, opened)
         place = _found_place(search, state, accepted)
@@ -173,13 +175,11 @@ class SearchPlanner:
         state.seconds += plan.seconds
         return plan
 
-    def _state(
-        self, seen: Snapshot, robot: str, name: str, graph: RoutingGraph, start: Endpoint
-    ) -> _State:
+    def _state(self, seen: Snapshot, robot: str, name: str, start: Endpoint) -> _State:
         """The belief after what the robot has seen since the last call."""
         state = self._states.get(name)
         if state is None:
-            return self._begun(seen, robot, name, graph, start)
+            return self._begun(seen, robot, name, start)
         problem = state.search.problem
         rows, state.newest = read_looks(seen, name, robot, state.newest)
         where = next((row.place for row in rows if row.seen), None)
@@ -189,7 +189,7 @@ class SearchPlanner:
             state.seen_in |= {where} if where is not None else frozenset()
             state.looked_at = (*dict.fromkeys([*state.looked_at, *(row.place for row in rows)]),)
         if read_missing(seen.connection, {name, *problem.places} - {ELSEWHERE}):
-            return self._begun(seen, robot, name, graph, start)  # again, without a removed place
+            return self._begun(seen, robot, name, start)  # again, without a removed place
         at = None if start.pose is None else state.search.nearest(start.place, start.pose)
         if rows and at is not None:
             answer = NOT_SEEN if where not in problem.places else problem.places.index(where)
@@ -197,14 +197,15 @@ class SearchPlanner:
             try:
                 state.belief = problem.after(state.belief, at, [answer])
             except ValueError:  # it is where no look from here should show it: begin again
-                return self._begun(seen, robot, name, graph, start)
+                return self._begun(seen, robot, name, start)
         return state
 
-    def _begun(
-        self, seen: Snapshot, robot: str, name: str, graph: RoutingGraph, start: Endpoint
-    ) -> _State:
-        """A state of the present belief; its looks and its time go on from an earlier one."""
-        search = self.begin(seen, name, start, graph)
+    def _begun(self, seen: Snapshot, robot: str, name: str, start: Endpoint) -> _State:
+        """A state of the present belief; its looks and its time go on from an earlier one.
+
+        Its viewpoints are those of the whole graph, as what is left out may be free again.
+        """
+        search = self.begin(seen, name, self.live.graph.endpoint(start.place, start.pose))
         _, newest = read_looks(seen, name, robot, 0)
         begun = _State(search, search.belief, newest, np.ones(len(search.share)))
         earlier = self._states.get(name)
@@ -312,14 +313,15 @@ def _no_look_at(search: MapSearch, decision: Decision) -> str:
 
 
 def _without_failed(search: MapSearch, state: _State, at: int | None) -> MapSearch:
-    """The search without the viewpoint that the robot did not reach."""
-    if state.planned is None or state.failures < TRIES or state.planned == at:
+    """The search without the viewpoints that the robot did not reach."""
+    if state.planned is not None and state.failures >= TRIES:
+        state.failed |= {state.planned}
+    failed = [*state.failed - {at}]
+    if not failed:
         return search
     start, travel = search.problem.start.copy(), search.problem.travel.copy()
-    start[state.planned] = travel[:, state.planned] = np.inf
-    problem = replace(search.problem, start=start, travel=travel)
-    state.search = replace(state.search, problem=problem)
-    return replace(search, problem=problem)
+    start[failed] = travel[:, failed] = np.inf
+    return replace(search, problem=replace(search.problem, start=start, travel=travel))
 
 
 def _plan(

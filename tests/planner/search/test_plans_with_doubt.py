@@ -114,3 +114,25 @@ def test_what_is_not_found_without_a_busy_door_is_searched_for_once_it_is_free(f
     assert not search.answers["cup1"].found
     assert looked_for(free) == ["cup1"]
     assert "cup1" not in search.answers
+
+
+def test_a_search_goes_through_a_door_once_it_is_free_and_not_while_it_is_left_out(
+    flat: Map,
+) -> None:
+    """Whatever the graph was with which it began."""
+    flat.observe("ball", "table2")
+    flat.add_agent("robot", type="robot", size=(0.4, 0.4, 0.8), pose=(4.5, 2.5, 0, 0))
+    live = flat.live_topology()
+
+    def steps(search: SearchPlanner, without: frozenset[str]) -> list[str]:
+        with live.snapshot() as seen:
+            plan = search.next_steps(seen, "robot", "ball", "found(ball)", without=without)
+        return [action.name for action in plan.actions]
+
+    free, left_out = frozenset[str](), frozenset(["door"])
+    for order in ((free, left_out), (left_out, free)):
+        search = SearchPlanner(live)
+        done = {without: steps(search, without) for without in order}
+        assert "pass_door" in done[free]
+        assert "look" in done[left_out]
+        assert "pass_door" not in done[left_out]
