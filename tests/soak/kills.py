@@ -48,6 +48,12 @@ STATERS = "stater", "http_writer"
 THREADS = 10
 """Writers in one process."""
 
+BUSY = """
+SELECT pid FROM pg_stat_activity WHERE backend_type = 'client backend' AND state = 'active'
+AND pid <> pg_backend_pid() AND coalesce(wait_event_type, '') NOT IN ('Lock', 'Client')
+"""
+"""Sessions that may end what they do while all clients are stopped."""
+
 PAUSE = 0.5
 """Seconds between two kills, at most."""
 
@@ -202,6 +208,8 @@ class Soak:
             self._wait_for_writes()
             time.sleep(self._draw.uniform(0, 4 * PAUSE))
             with self._paused():
+                while connection.execute(BUSY).fetchone():
+                    time.sleep(0.01)  # of what ends later, the clients would have the answers
                 flushed, newest = log_position(connection)
                 self._kill_server()
                 while servers_in(self.cluster.data):
