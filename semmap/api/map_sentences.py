@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.checked import EntityName
 from semmap.api.map_beliefs import MapBeliefs
 from semmap.api.map_observations import MapObservations
 from semmap.api.map_tasks import MapTasks
-from semmap.belief import grammar
 
 if TYPE_CHECKING:
     from semmap.api.map_results import MapRoute
@@ -64,13 +62,15 @@ class MapSentences(MapTasks, MapBeliefs, MapObservations):
             The grammar has no such sentence (the message has the nearest one), or the method that
             answers it raises this.
         """
+        from semmap.belief.grammar import SENTENCES
         from semmap.belief.sentences import understand
         from semmap.belief.store.teaching import vocabulary
 
         with self.snapshot() as seen:
             said = understand(sentence, vocabulary(seen))
         options = {"start": start, "robot": robot}
-        text, result = ANSWERS[said.form](self, said.names, options)
+        answer = dict(zip(SENTENCES, ANSWERS, strict=True))[said.form]
+        text, result = answer(self, said.names, options)
         return SentenceAnswer(str(said), text, result)
 
 
@@ -163,16 +163,14 @@ def _action(house: MapSentences, names: Names, options: Options) -> Answered:
     return ", ".join(action.name for action in found), found
 
 
-ANSWERS: Mapping[str, Callable[[MapSentences, Names, Options], Answered]] = MappingProxyType(
-    {
-        grammar.WHERE: _where,
-        grammar.FIND: _find,
-        grammar.BRING: _bring,
-        grammar.GO: _go,
-        grammar.PLACED: _is_placed,
-        grammar.THING_IS_A: _is_a,
-        grammar.TYPE_IS_A: _subsumed,
-        grammar.ACTION: _action,
-    }
+ANSWERS: tuple[Callable[[MapSentences, Names, Options], Answered], ...] = (
+    _where,
+    _find,
+    _bring,
+    _go,
+    _is_placed,
+    _is_a,
+    _subsumed,
+    _action,
 )
-"""What answers each sentence of the grammar: the text and the result."""
+"""What answers each of `semmap.belief.grammar.SENTENCES`: the text and the result."""
