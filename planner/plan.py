@@ -25,7 +25,9 @@ class Action:
     steps
         The drive and the transition, in order.
     at
-        Base pose of pickup and place, in the map's frame.
+        Base pose of pickup, place and look, in the map's frame.
+    camera
+        Pose of the camera of a look in the map's frame: x ahead, z up.
     entities
         Names of the entities if `arguments` has the words of the goal: muffin1 for ``muffin``.
         Empty if both are the same.
@@ -37,6 +39,7 @@ class Action:
     steps: tuple[RouteStep, ...] = ()
     at: Pose | None = None
     entities: tuple[str, ...] = ()
+    camera: Pose | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -29,11 +29,13 @@ class Command:
     step
         The step of a route, with poses, connector and map; None for pickup and place.
     at
-        For pickup and place: the base pose, in the map's frame.
+        For pickup, place and look: the base pose, in the map's frame.
     spot
         For place: the pose of the object, in the map's frame; determined when the command begins.
     seconds
         Expected duration.
+    camera
+        For look: the pose of the camera, in the map's frame: x ahead, z up.
     """
 
     behaviour: str
@@ -42,6 +44,7 @@ class Command:
     at: Pose | None = None
     spot: Pose | None = None
     seconds: float = 0.0
+    camera: Pose | None = None
 
     def __str__(self) -> str:
         return f"{self.behaviour}({', '.join(self.arguments)})"
@@ -78,6 +81,8 @@ class Command:
     def as_json(self) -> dict[str, Any]:
         """As plain values, from which `of_json` makes it again."""
         value = asdict(self)
+        if self.camera is None:
+            del value["camera"]
         if self.step is not None and not self.step.bends:
             del value["step"]["bends"]
         if self.step is not None and self.step.connector is not None:
@@ -101,8 +106,9 @@ class Command:
             bends = tuple((x, y) for x, y in step.get("bends", ()))
             step = RouteStep(**step | ends | {"connector": connector, "bends": bends})
         at, spot = _pose(value["at"]), _pose(value["spot"])
+        camera = _pose(value.get("camera"))
         arguments = tuple(value["arguments"])
-        return cls(value["behaviour"], arguments, step, at, spot, value["seconds"])
+        return cls(value["behaviour"], arguments, step, at, spot, value["seconds"], camera)
 
 
 def commands_of(plan: Plan) -> list[Command]:
@@ -123,8 +129,9 @@ def _commands(action: Action) -> Iterator[Command]:
     moved = any(s.from_place != s.to_place for s in action.steps)
     if not done and not moved:
         spent = sum(s.seconds for s in action.steps)
+        seconds = max(action.seconds - spent, 0.0)
         yield Command(
-            action.name, action.names, at=action.at, seconds=max(action.seconds - spent, 0.0)
+            action.name, action.names, at=action.at, seconds=seconds, camera=action.camera
         )
 
 

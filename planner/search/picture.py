@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Wedge
 
 from planner.search.problem_builder import MapSearch
-from planner.search.viewpoints import Sight
 
 LOOK = "#1c5fb0"
 
@@ -22,7 +21,7 @@ AHEAD = 0.45
 
 
 def looks_over(
-    search: MapSearch, tour: Sequence[int], rooms: Collection[str], sight: Sight
+    search: MapSearch, tour: Sequence[int], rooms: Collection[str]
 ) -> Callable[[Axes], None]:
     """Return what draws the looks in some rooms, for `over` of `floor_plan`; axes are metres.
 
@@ -31,23 +30,24 @@ def looks_over(
     """
     shown = search.problem.visible @ search.belief[0]
     looks = [
-        (number, search.viewpoints[k].pose, float(shown[k]))
+        (number, search.viewpoints[k], float(shown[k]))
         for number, k in enumerate(dict.fromkeys(tour), 1)
         if search.viewpoints[k].room in rooms
     ]
 
     def over(axes: Axes) -> None:
+        sight = search.sight
         most = max((chance for *_, chance in looks), default=0.0) or 1.0
         half, deep = math.degrees(sight.field_of_view) / 2, sight.furthest - sight.nearest
         style: dict[str, Any] = {"color": "white", "weight": "bold", "fontsize": 6, "zorder": 13}
         style["bbox"] = {"boxstyle": "circle,pad=0.25", "fc": LOOK, "ec": "white", "lw": 0.6}
-        for number, pose, chance in looks:
-            yaw, alpha = math.degrees(pose.yaw), 0.06 + 0.3 * math.sqrt(chance / most)
-            at = pose.x, pose.y
+        for number, look, chance in looks:
+            ahead, alpha = look.pose.yaw + look.aim.pan, 0.06 + 0.3 * math.sqrt(chance / most)
+            at, yaw = (look.pose.x, look.pose.y), math.degrees(ahead)
             cone = Wedge(at, sight.furthest, yaw - half, yaw + half, width=deep)
             cone.set(facecolor=LOOK, edgecolor="none", alpha=alpha, zorder=6)
             axes.add_patch(cone)
-            x, y = at[0] + AHEAD * math.cos(pose.yaw), at[1] + AHEAD * math.sin(pose.yaw)
+            x, y = at[0] + AHEAD * math.cos(ahead), at[1] + AHEAD * math.sin(ahead)
             axes.text(x, y, str(number), ha="center", va="center", **style)
 
     return over

@@ -9,16 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from planner.route_search import seconds_between
 from planner.routing_graph import Endpoint, RoutingGraph
-from planner.search.line_of_sight import line_of_sight
+from planner.search.line_of_sight import LineOfSight, line_of_sight
 from planner.search.search_problem import ELSEWHERE, SearchProblem
-from planner.search.viewpoints import Sight, choose_views, free_positions, views_from
+from planner.search.viewpoints import Aim, Sight, choose_views, free_positions, views_from
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import OUTSIDE
 from semmap.arrays import Floats
-from semmap.belief.places import BeliefPlace, sample_points
+from semmap.belief.places import BeliefPlace, PlacePoints, sample_points
 from semmap.belief.views import visible_points
 from semmap.geometry.pose import Pose
 
@@ -27,6 +28,20 @@ MOST_POINTS = 6000  # points; beyond, they are further apart
 LEFT = 0.02  # share of what looks can show that a search may leave
 OPENING = 8.0  # seconds to open a container
 STANDING = 1.0  # metres from a shut container within which the robot can open it
+BEYOND = 0.2  # metres outside of the box of a container at which it is seen into
+OPEN = 0.02  # share of all directions from which one must see a point within an open container
+
+
+def _directions(count: int) -> Floats:
+    """(N, 3) unit vectors, evenly over the sphere (a Fibonacci lattice)."""
+    z = 1 - (2 * np.arange(count) + 1) / count
+    angle = math.pi * (1 + math.sqrt(5)) * np.arange(count)
+    radius = np.sqrt(1 - z * z)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+
+
+DIRECTIONS = _directions(100)
+"""In which it is tried whether a point within a container sees anything outside."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +76,12 @@ class Detector:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where the robot stands to look; its name is the room and a number."""
+    """Where the robot stands to look, and how; its name is the room and a number."""
 
     name: str
     room: str
     pose: Pose  # of the base, in the map's frame
+    aim: Aim
     shows: tuple[tuple[str, float], ...]  # places and visible shares, the largest first
     opens: str | None = None  # the container to open before the look
 
@@ -79,6 +95,7 @@ class MapSearch:
     viewpoints: tuple[Viewpoint, ...]  # in the order of the problem
     share: Floats  # (S,) the share of its place that each spot is
     graph: RoutingGraph  # of the travel times
+    sight: Sight = Sight()
 
     @property
     def in_view(self) -> float:
@@ -91,14 +108,17 @@ class MapSearch:
         shown = {place for viewpoint in self.viewpoints for place, _ in viewpoint.shows}
         return [p for p in self.problem.places if p not in shown and p != ELSEWHERE]
 
-    def nearest(self, room: str, pose: Pose) -> int | None:
-        """The viewpoint at which a robot is; None if it is at none."""
+    def nearest(self, room: str, pose: Pose, planned: int | None = None) -> int | None:
+        """The viewpoint at which a robot is, of several the planned one; None if it is at none."""
+        found = None
         for number, viewpoint in enumerate(self.viewpoints):
             away = math.dist(viewpoint.pose[:3], pose[:3])
             turned = math.remainder(viewpoint.pose.yaw - pose.yaw, math.tau)
             if viewpoint.room == room and away < 0.05 and abs(turned) < 0.05:
-                return number
-        return None
+                if planned in (None, number):
+                    return number
+                found = number if found is None else found
+        return found
 
     def from_here(self, start: Endpoint, graph: RoutingGraph, at: int | None) -> MapSearch:
         """The same search from another place of the robot, an endpoint of this graph.
@@ -110,6 +130,8 @@ class MapSearch:
         seconds = seconds_between(graph, [start], ends)[0]
         travel = np.where(np.isfinite(seconds), self.problem.travel, np.inf)
         if at is not None:
+            heights = np.array([v.aim.height for v in self.viewpoints])
+            seconds = np.maximum(seconds, abs(heights - heights[at]) / self.sight.lift)
             seconds[at] = 0.0
             travel[at] = seconds
         return replace(self, problem=replace(self.problem, start=seconds, travel=travel))
@@ -127,15 +149,16 @@ def build_search(
     sight: Sight | None = None,
     detector: Detector | None = None,
     shut: frozenset[str] = frozenset(),
-    most_viewpoints: int = 100,
+    most_viewpoints: int = 200,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> MapSearch:
     """The search for an object of a height, metres, whose place is believed.
 
     `belief` is P(place), `ELSEWHERE` at none of them. `places` are those of the belief, with their
     surfaces, and the rooms with their outlines. `occluders` (F, 3, 3), metres in the map's frame,
-    hide what is behind them, without the object. The robot must open the places `shut`, and those
-    without a surface, before it sees into them. `progress` is called for each place in which
+    hide what is behind them, without the object. The robot must open the places `shut`, those
+    without a surface, and those into whose volume nothing sees, before it sees into them.
+    `progress` is called for each place in which
     viewpoints are sought, with its name, its number, and how many there are. Raises ValueError: a
     place of the belief is missing, or the robot can see none of them.
     """
@@ -150,52 +173,61 @@ def build_search(
         (p for p in belief if p != ELSEWHERE and belief[p] > 0), key=lambda p: -belief[p]
     )
     shut = shut | {p for p in wanted if by_name[p].kind != "room" and not by_name[p].surfaces}
-    points, of = _points([by_name[p] for p in wanted], height)
-    inside = np.array([wanted[k] in shut for k in of], np.bool_)
-    counts = np.bincount(of, minlength=len(wanted))
-    weights = np.array([belief[p] for p in wanted])[of] / counts[of]
+    points, of, shares_of_points, within = _points([by_name[p] for p in wanted], height)
+    weights = shares_of_points * np.array([belief[p] for p in wanted])[of]
+    space = line_of_sight(occluders)
+    inside = within & np.array([wanted[k] in shut for k in of], np.bool_)
+    unsure = np.flatnonzero(within & ~inside)
+    inside[unsure[_enclosed(points[unsure], [by_name[wanted[k]] for k in of[unsure]], space)]] = (
+        True
+    )
 
     rooms = {p.name: p for p in places if p.kind == "room" and p.footprint is not None}
-    ends, seen = _candidates(
-        rooms, points, inside, occluders, sight, graph, progress or (lambda *_: None)
+    ends, aims, seen = _candidates(
+        rooms, points, inside, space, sight, graph, progress or (lambda *_: None)
     )
     seconds = _from_start(graph, start, ends)
-    looks: list[tuple[Endpoint, NDArray[np.bool_], str | None]] = []
+    looks: list[tuple[Endpoint, Aim, NDArray[np.bool_], str | None]] = []
     boxes = _boxes(occluders)
     for number in choose_views(seen, weights, seconds, most_viewpoints):
-        mask = _seen_on_meshes(sight, _pose(ends[number]), points, occluders, boxes) & ~inside
+        mask = _seen_on_meshes(sight, ends[number], aims[number], points, occluders, boxes)
+        mask &= ~inside
         if mask.any():
-            looks.append((ends[number], mask, None))
-    for number, place in enumerate(wanted):
-        if place in shut and (end := _before(by_name[place], ends, seconds)) is not None:
-            looks.append((end, of == number, place))
+            looks.append((ends[number], aims[number], mask, None))
+    for number in np.unique(of[inside]).tolist():
+        place = by_name[wanted[number]]
+        if (end := _before(place, ends, seconds)) is not None:
+            aim = _towards(place, end, sight)
+            looks.append((end, aim, inside & (of == number), place.name))
     if not looks:
         raise ValueError(
             f"no free pose that the robot reaches shows a place where {name} may be: "
             f"{', '.join(wanted[:5])}"
         )
-    visible = np.array([mask for _, mask, _ in looks])
-    place_of, spots, share = _spots(of, visible, len(wanted))
+    visible = np.array([mask for *_, mask, _ in looks])
+    place_of, spots, share = _spots(of, visible, shares_of_points)
     viewpoints = []
-    for k, (end, mask, opens) in enumerate(looks, 1):
-        shares = np.bincount(of[mask], minlength=len(wanted)) / np.maximum(counts, 1)
+    for k, (end, aim, mask, opens) in enumerate(looks, 1):
+        shares = np.bincount(of[mask], shares_of_points[mask], len(wanted))
         order = np.argsort(-shares, kind="stable")
         shows = tuple((wanted[p], float(shares[p])) for p in order if shares[p] > 0)
-        viewpoints.append(Viewpoint(f"{end.place} {k}", end.place, _pose(end), shows, opens))
-    endpoints = [end for end, _, _ in looks]
+        viewpoints.append(Viewpoint(f"{end.place} {k}", end.place, _pose(end), aim, shows, opens))
+    endpoints = [end for end, *_ in looks]
+    heights = np.array([aim.height for _, aim, *_ in looks])
+    lifted = abs(heights[:, None] - heights) / sight.lift
     problem = SearchProblem(
         (name,),
         (*wanted, ELSEWHERE),
         tuple(v.name for v in viewpoints),
         np.append(place_of, len(wanted)),
         np.pad(spots, ((0, 0), (0, 1))),
-        _travel(graph, endpoints),
+        np.maximum(_travel(graph, endpoints), lifted),
         seconds_between(graph, [start], endpoints)[0],
         detector.look,
         np.array([detector.hit]),
         np.array([detector.false_alarm]),
         1.0,
-        np.array([0.0 if opens is None else OPENING for _, _, opens in looks]),
+        np.array([0.0 if opens is None else OPENING for *_, opens in looks]),
     )
     share = np.append(share, 1.0)
     full = {p: belief[p] for p in wanted} | {ELSEWHERE: belief.get(ELSEWHERE, 0.0)}
@@ -203,7 +235,7 @@ def build_search(
     missed = detector.missed or _missed(problem, spread)
     # from the belief `sure` on, a place costs less than to miss the object
     problem = replace(problem, missed=missed, wrong=missed / (1 - detector.sure))
-    return MapSearch(problem, spread, tuple(viewpoints), share, graph)
+    return MapSearch(problem, spread, tuple(viewpoints), share, graph, sight)
 
 
 def _missed(problem: SearchProblem, belief: Floats) -> float:
@@ -232,37 +264,63 @@ def _in_view(problem: SearchProblem, belief: Floats) -> float:
     return float(shown @ belief[0])
 
 
-def _points(places: Sequence[BeliefPlace], height: float) -> tuple[Floats, NDArray[np.intp]]:
-    """Points at which the object may be, (N, 3), and the number of the place of each."""
+def _points(
+    places: Sequence[BeliefPlace], height: float
+) -> tuple[Floats, NDArray[np.intp], Floats, NDArray[np.bool_]]:
+    """Points at which the object may be, (N, 3), and (N,) the number of the place of each.
+
+    Also P(point | place) (N,), and which are within the volume of their place.
+    """
     wider = 1.0
     while True:
         parts = [
             sample_points(p, wider * (FLOOR_STEP if p.kind == "room" else SURFACE_STEP), height / 2)
             for p in places
         ]
-        count = sum(map(len, parts))
-        if count <= MOST_POINTS or wider > 8:
+        if sum(len(p.at) for p in parts) <= MOST_POINTS or wider > 8:
             break
         wider *= 1.5
-    parts = [p if len(p) else np.full((1, 3), np.inf) for p in parts]  # its outline is unknown
-    of = np.repeat(np.arange(len(places)), [len(p) for p in parts])
-    return np.concatenate(parts), of
+    for k, place in enumerate(places):
+        if not len(parts[k].at):  # its outline is unknown
+            within = np.array([place.kind != "room"])
+            parts[k] = PlacePoints(np.full((1, 3), np.inf), np.ones(1), within)
+    of = np.repeat(np.arange(len(places)), [len(p.at) for p in parts])
+    at, weight, within = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return at, of, weight, within
+
+
+def _enclosed(
+    points: Floats, places: Sequence[BeliefPlace], space: LineOfSight
+) -> NDArray[np.bool_]:
+    """(N,) which points (N, 3), each within its place, see nothing of what is around the place."""
+    enclosed = np.ones(len(points), np.bool_)
+    for k, (point, place) in enumerate(zip(points, places, strict=True)):
+        assert place.low is not None
+        assert place.high is not None
+        # a ray ends where it has left the box of the place
+        with np.errstate(divide="ignore"):
+            exits = np.maximum((place.low - point) / DIRECTIONS, (place.high - point) / DIRECTIONS)
+        lengths = exits.min(axis=1) + BEYOND
+        targets = point + lengths[:, None] * DIRECTIONS
+        targets = targets[targets[:, 2] >= place.low[2]]  # nothing looks in from below
+        enclosed[k] = space.sees(point, targets).mean() < OPEN
+    return enclosed
 
 
 def _candidates(
     rooms: Mapping[str, BeliefPlace],
     points: Floats,
     inside: NDArray[np.bool_],
-    occluders: Floats,
+    space: LineOfSight,
     sight: Sight,
     graph: RoutingGraph,
     progress: Callable[[str, int, int], None],
-) -> tuple[list[Endpoint], NDArray[np.bool_]]:
-    """Free base poses in rooms, and the points that each shows."""
+) -> tuple[list[Endpoint], list[Aim], csr_array]:
+    """Free base poses in rooms, how the camera is held there, and (C, N) what each view shows."""
     costmaps = graph.costs if isinstance(graph.costs, StoreyCostmaps) else None
-    space = line_of_sight(occluders)
-    seen: list[NDArray[np.bool_]] = [np.empty((0, len(points)), np.bool_)]
+    seen: list[NDArray[np.intp]] = []
     ends: list[Endpoint] = []
+    aims: list[Aim] = []
     open_points = np.where(inside[:, None], np.inf, points)
     places = graph.topology.places
     for number, (name, place) in enumerate(places.items(), 1):
@@ -274,16 +332,27 @@ def _candidates(
         if not near.any():
             continue
         positions = free_positions(name, place.floor, outline, space, costmaps)
-        views, masks = views_from(positions, place.floor, open_points, space, sight)
+        views, shown = views_from(positions, place.floor, open_points, space, sight)
         beside = _beside(positions, place.floor, points[inside])
-        views += beside
+        views += [(pose, sight.rest) for pose in beside]
         if views:
-            seen += [masks, np.zeros((len(beside), len(points)), np.bool_)]
-            nodes = graph.nodes.get(name, np.empty(0, np.int64))
-            travel = graph.costs.between(name, [graph.poses[n] for n in nodes], views)
-            columns = zip(views, travel.seconds.T, travel.metres.T, strict=True)
-            ends += [Endpoint(name, pose, nodes, *times) for pose, *times in columns]
-    return ends, np.concatenate(seen)
+            seen += shown + [np.empty(0, np.intp)] * len(beside)
+            aims += [aim for _, aim in views]
+            ends += _endpoints(graph, name, [pose for pose, _ in views])
+    counts = np.cumsum([0, *map(len, seen)])
+    numbers = np.concatenate([np.empty(0, np.intp), *seen])
+    shape = len(ends), len(points)
+    return ends, aims, csr_array((np.ones(len(numbers)), numbers, counts), shape)
+
+
+def _endpoints(graph: RoutingGraph, room: str, poses: Sequence[Pose]) -> list[Endpoint]:
+    """The endpoints of poses in a room; those of one pose are one."""
+    nodes = graph.nodes.get(room, np.empty(0, np.int64))
+    different = [*dict.fromkeys(poses)]
+    travel = graph.costs.between(room, [graph.poses[n] for n in nodes], different)
+    columns = zip(different, travel.seconds.T, travel.metres.T, strict=True)
+    ends = {pose: Endpoint(room, pose, nodes, *times) for pose, *times in columns}
+    return [ends[pose] for pose in poses]
 
 
 def _pose(end: Endpoint) -> Pose:
@@ -316,6 +385,19 @@ def _before(container: BeliefPlace, ends: Sequence[Endpoint], seconds: Floats) -
     return replace(end, pose=Pose.planar(here.x, here.y, yaw, here.z))
 
 
+def _towards(container: BeliefPlace, end: Endpoint, sight: Sight) -> Aim:
+    """How the camera is held to look into a container before the robot."""
+    assert container.footprint is not None
+    assert container.low is not None
+    assert container.high is not None
+    pose = _pose(end)
+    middle = float(container.low[2] + container.high[2]) / 2 - pose.z
+    height = min(sight.heights, key=lambda height: abs(height - middle))
+    away = max(container.footprint.distance(shapely.Point(pose.x, pose.y)), 0.1)
+    down = math.atan2(height - middle, away)
+    return Aim(height, min(sight.pitches, key=lambda pitch: abs(pitch - down)))
+
+
 def _boxes(triangles: Floats) -> tuple[Floats, Floats]:
     """The lowest and highest coordinates (F, 3) of triangles (F, 3, 3)."""
     a, b, c = np.moveaxis(triangles, 1, 0)  # four times as fast as min(axis=1)
@@ -323,14 +405,20 @@ def _boxes(triangles: Floats) -> tuple[Floats, Floats]:
 
 
 def _seen_on_meshes(
-    sight: Sight, base: Pose, points: Floats, occluders: Floats, boxes: tuple[Floats, Floats]
+    sight: Sight,
+    end: Endpoint,
+    aim: Aim,
+    points: Floats,
+    occluders: Floats,
+    boxes: tuple[Floats, Floats],
 ) -> NDArray[np.bool_]:
     """(N,) which points a look shows, by the depth image of what is near."""
-    eye = sight.eye(base)
+    pose = sight.pose(_pose(end), aim)
+    eye = np.array(pose[:3])
     near = np.linalg.norm(points - eye, axis=1) <= sight.furthest
     low, high = boxes
     close = ((low <= eye + sight.furthest) & (high >= eye - sight.furthest)).all(axis=1)
-    camera = sight.camera(base)
+    camera = sight.camera(pose)
     depths, _ = camera.image(occluders[close])
     mask = np.zeros(len(points), np.bool_)
     mask[near] = visible_points(camera, points[near], depths, sight.furthest)
@@ -338,17 +426,19 @@ def _seen_on_meshes(
 
 
 def _spots(
-    of: NDArray[np.intp], visible: NDArray[np.bool_], places: int
+    of: NDArray[np.intp], visible: NDArray[np.bool_], weights: Floats
 ) -> tuple[NDArray[np.intp], Floats, Floats]:
     """Points of one place that the same viewpoints show make a spot.
 
-    Returns place_of (S,), visible (V, S), and the share (S,) of the place that each spot is.
+    `weights` (N,) are P(point | place). Returns place_of (S,), visible (V, S), and the share (S,)
+    of the place that each spot is.
     """
     signature = np.concatenate([of[:, None], visible.T], axis=1)
-    spots, counts = np.unique(signature, axis=0, return_counts=True)
-    whole = np.bincount(of, minlength=places)
+    spots, number = np.unique(signature, axis=0, return_inverse=True)
     place_of = spots[:, 0].astype(np.intp)
-    return place_of, spots[:, 1:].T.astype(float), counts / whole[place_of]
+    share: Floats = np.bincount(number.ravel(), weights, len(spots)).astype(float)
+    visible_of: Floats = spots[:, 1:].T.astype(float)
+    return place_of, visible_of, share
 
 
 def _from_start(graph: RoutingGraph, start: Endpoint, ends: Sequence[Endpoint]) -> Floats:

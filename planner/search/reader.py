@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,12 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import text
 
+from planner.readers.robot_class import read_robot_urdf
+from planner.search.viewpoints import Sight
 from semmap.belief.places import BeliefPlace
 from semmap.belief.reader import read_height, read_occluders, read_places
 from semmap.belief.store.beliefs import where
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
+from semmap.robot.camera_reach import camera_reach
+from semmap.robot.urdf import load_robot
 
 HEIGHT = 0.1  # metres, of an object whose size is unknown
 
@@ -61,6 +66,22 @@ def read_believed_object(seen: Snapshot, name: str) -> BelievedObject:
         read_occluders(seen, [name]),
         read_height(seen, name) or HEIGHT,
         frozenset(map(str, shut)),
+    )
+
+
+def read_sight(seen: Snapshot, robot: str | None) -> tuple[Sight, str | None]:
+    """How a stored class of robots can hold its camera, by its URDF; and what is assumed, if so."""
+    default = Sight()
+    try:
+        reach = None if robot is None else camera_reach(load_robot(read_robot_urdf(seen, robot)))
+    except LookupError:
+        reach = None
+    if reach is not None:
+        return Sight(reach.heights, reach.pitches, reach.pan), None
+    tilts = " and ".join(f"{math.degrees(pitch):.0f}" for pitch in default.pitches)
+    return default, (
+        f"assumed: a camera {default.heights[0]:g} m above the floor that looks {tilts} degrees "
+        "down, as that of the robot is not known"
     )
 
 

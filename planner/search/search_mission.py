@@ -70,6 +70,7 @@ class _State:
     looks: int = 0
     seconds: float = 0.0  # of the steps planned so far
     planned: int | None = None
+    at: int | None = None  # the viewpoint of the last look
     failures: int = 0
     failed: frozenset[int] = frozenset()  # viewpoints that the robot did not reach
 
@@ -154,7 +155,7 @@ class SearchPlanner:
         state = self._state(seen, robot, name, start)
         done = read_opened(seen, robot)
         opened = frozenset(k for k, v in enumerate(state.search.viewpoints) if v.opens in done)
-        at = state.search.nearest(*where)
+        at = state.search.nearest(*where, state.at)
         search = state.search
         if at is None or graph is not search.graph:
             search = search.from_here(start, graph, at)
@@ -183,6 +184,7 @@ class SearchPlanner:
         problem = state.search.problem
         rows, state.newest = read_looks(seen, name, robot, state.newest)
         where = next((row.place for row in rows if row.seen), None)
+        planned = state.planned
         if rows:
             state.looks += 1
             state.planned = None
@@ -190,7 +192,9 @@ class SearchPlanner:
             state.looked_at = (*dict.fromkeys([*state.looked_at, *(row.place for row in rows)]),)
         if read_missing(seen.connection, {name, *problem.places} - {ELSEWHERE}):
             return self._begun(seen, robot, name, start)  # again, without a removed place
-        at = None if start.pose is None else state.search.nearest(start.place, start.pose)
+        at = None
+        if start.pose is not None:
+            at = state.at = state.search.nearest(start.place, start.pose, planned)
         if rows and at is not None:
             answer = NOT_SEEN if where not in problem.places else problem.places.index(where)
             state.hidden = state.hidden * (1 - problem.visible[at])
@@ -339,7 +343,7 @@ def _plan(
     assert number is not None
     viewpoint = search.viewpoints[number]
     actions = []
-    if number != at:
+    if at is None or search.viewpoints[at].pose != viewpoint.pose:
         route = find_route(graph, start, graph.endpoint(viewpoint.room, viewpoint.pose))
         for step in route.steps:
             subject = step.connector.name if step.connector is not None else step.from_place
@@ -348,8 +352,10 @@ def _plan(
         arguments = (viewpoint.opens,)
         actions.append(Action("open_container", arguments, OPENING, at=viewpoint.pose))
     shown = [place for place, _ in viewpoint.shows[:MOST_NAMES]]
-    look = search.problem.look
-    actions.append(Action("look", (name, *shown), look, at=viewpoint.pose))
+    chosen = next(o for o in decision.options if o.viewpoint == number)
+    look = max(search.problem.look, chosen.seconds - sum(action.seconds for action in actions))
+    camera = search.sight.pose(viewpoint.pose, viewpoint.aim)
+    actions.append(Action("look", (name, *shown), look, at=viewpoint.pose, camera=camera))
     seconds = sum(action.seconds for action in actions)
     return Plan(goal, tuple(actions), seconds, seconds)
 

@@ -48,37 +48,43 @@ class SimEyes:
     height: float = 0.1
     seed: int = 0
 
-    def share_in_view(self, name: str, base: Pose, objects: Mapping[str, Sighting]) -> float:
+    def share_in_view(self, name: str, camera: Pose, objects: Mapping[str, Sighting]) -> float:
         """The share of an object's picture that no other one hides, where they truly are."""
         if name not in objects:
             return 0.0
-        camera = self.sight.camera(base)
         at = np.array(objects[name].pose[:3])
-        if np.linalg.norm(at - self.sight.eye(base)) > self.sight.furthest:
+        if np.linalg.norm(at - camera[:3]) > self.sight.furthest:
             return 0.0
         own = self._placed(name, objects[name].pose)
         around = [self._placed(n, seen.pose) for n, seen in objects.items() if n != name]
         fixed = [e.triangles for n, e in self.entities.items() if n not in objects]
-        others = self._in_reach([*around, *fixed], base)
-        _, alone = camera.image(own)
-        _, faces = camera.image(np.concatenate([own, others]))
+        others = self._in_reach([*around, *fixed], camera)
+        view = self.sight.camera(camera)
+        _, alone = view.image(own)
+        _, faces = view.image(np.concatenate([own, others]))
         whole = int((alone >= 0).sum())
         return float(((faces >= 0) & (faces < len(own))).sum()) / whole if whole else 0.0
 
-    def shares(self, base: Pose, opened: frozenset[str], target: str) -> dict[str, float]:
-        """The share of each place that a look shows, by the map."""
+    def shares(self, camera: Pose, opened: frozenset[str], target: str) -> dict[str, float]:
+        """The share of each place that a look from a pose of the camera shows, by the map."""
         fixed = [e.triangles for n, e in self.entities.items() if n != target]
-        triangles, far = self._in_reach(fixed, base), self.sight.furthest
-        open_ = [p for p in self.places if p.name not in self.shut]
-        camera = self.sight.camera(base)
-        depths, _ = camera.image(triangles)
-        shares = visible_shares(open_, camera, depths, furthest=far, step=0.1, height=self.height)
-        return shares | dict.fromkeys(opened, 1.0)
+        view = self.sight.camera(camera)
+        depths, _ = view.image(self._in_reach(fixed, camera))
+        return visible_shares(
+            self.places,
+            view,
+            depths,
+            furthest=self.sight.furthest,
+            step=0.1,
+            height=self.height,
+            shut=self.shut,
+            opened=opened,
+        )
 
-    def _in_reach(self, parts: Sequence[Floats], base: Pose) -> Floats:
+    def _in_reach(self, parts: Sequence[Floats], camera: Pose) -> Floats:
         """Those triangles (F, 3, 3) that may be in view."""
         triangles = np.concatenate([NO_TRIANGLES, *parts])
-        eye, far = self.sight.eye(base), self.sight.furthest
+        eye, far = np.array(camera[:3]), self.sight.furthest
         near = (triangles.min(axis=1) <= eye + far) & (triangles.max(axis=1) >= eye - far)
         return np.asarray(triangles[near.all(axis=1)])
 
@@ -145,19 +151,22 @@ class SearchingRobot(SimulatedRobot):
             world.log(self.name, "looked", name)
         draw = random.Random(f"{eyes.seed} {self.name} {len(past)}")
         there, sighting = objects.get(name, ("", None))
-        inside = sighting is not None and sighting.holder in eyes.shut
-        near = frozenset(p for p in opened if sighting is not None and p in command.arguments[1:])
-        if inside:
-            share = float(sighting is not None and sighting.holder in near)
+        camera = command.camera or eyes.sight.pose(base, eyes.sight.rest)
+        near = frozenset(p for p in opened if p in command.arguments[1:])
+        inside = sighting is not None and sighting.relation == "in" and sighting.holder
+        if inside in near:
+            share = 1.0
+        elif there != place or inside in eyes.shut:
+            share = 0.0
         else:
             visible = {n: s for n, (p, s) in objects.items() if not world.has_robot(s.holder)}
-            share = eyes.share_in_view(name, base, visible) if there == place else 0.0
-        shares = {p: s for p, s in eyes.shares(base, near, name).items() if s >= LEAST_SHARE}
+            share = eyes.share_in_view(name, camera, visible)
+        shares = {p: s for p, s in eyes.shares(camera, near, name).items() if s >= LEAST_SHARE}
         found = None
         if share >= RECOGNISED and draw.random() < eyes.detector.hit and sighting is not None:
             point = sighting.pose[:3]
             at = place_at(eyes.places, point) or place_around(eyes.places, point)
-            found = at.name if at is not None and not inside else sighting.holder
+            found = sighting.holder if inside in near or at is None else at.name
             self._known.add(name)
         elif shares and draw.random() < eyes.detector.false_alarm:
             found = draw.choices([*shares], [*shares.values()])[0]

@@ -1,18 +1,23 @@
-"""Viewpoints: where the robot's base stands to see the places at which an object may be.
+"""Viewpoints: where the robot stands, and how it holds its camera, to see where an object may be.
 
-Candidates are free positions with some headings each. Those are taken that together show most of
-the belief, one after another: the next is the one that adds most (a cover within 63 % of the best).
+Candidates are free positions with some headings, heights and tilts of the camera each. Those are
+taken that together show most of the belief, one after another: the next is the one that adds most
+(a cover within 63 % of the best).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
 
 from planner.search.line_of_sight import LineOfSight
 from planner.storey_costmaps import StoreyCostmaps
@@ -21,29 +26,50 @@ from semmap.belief.views import camera_at
 from semmap.draw.depth_camera import DepthCamera
 from semmap.geometry.pose import Pose
 
-HEADINGS = 8  # headings that are tried at each position
+HEADINGS = 8  # directions in which the camera looks at each position
 
 BODY = (0.25, 0.05, 1.2)
 """Radius, and lower and upper end above the floor, of a robot whose shape is unknown, metres."""
 
 
+class Aim(NamedTuple):
+    """How a robot holds its camera."""
+
+    height: float  # of the camera above the floor, metres
+    pitch: float  # downwards from the horizon, radians
+    pan: float = 0.0  # of the head to the left of the base's heading, radians
+
+
 @dataclass(frozen=True)
 class Sight:
-    """The camera of a robot: above its base, looking ahead and down; its picture is 4 : 3.
+    """The camera of a robot, above its base; its picture is 4 : 3.
 
-    It recognises objects between `nearest` and `furthest`, metres.
+    It can be held at each of the `heights`, tilted to each of the `pitches`, and turned by up to
+    `pan` to either side; a robot whose head does not turn turns its base. It recognises objects
+    between `nearest` and `furthest`, metres.
     """
 
-    height: float = 1.2  # above the floor, metres
-    pitch: float = 0.26  # downwards from the horizon, radians
+    heights: tuple[float, ...] = (1.2,)  # above the floor, metres
+    pitches: tuple[float, ...] = (0.26, 0.8)  # downwards from the horizon, radians
+    pan: float = 0.0  # radians
     field_of_view: float = 1.2  # horizontal opening angle, radians
     nearest: float = 0.3
     furthest: float = 3.5
+    lift: float = 0.07  # of its height, metres a second
 
     def __post_init__(self) -> None:
-        if not 0 < self.height < math.inf:
+        for height in self.heights or (math.nan,):
+            if not 0 < height < math.inf:
+                raise ValueError(f"the camera is {height} m above the floor; give a height above 0")
+        for pitch in self.pitches or (math.nan,):
+            if not abs(pitch) <= math.pi / 2:
+                raise ValueError(
+                    f"the camera looks {pitch} rad down; give an angle from -pi/2 to pi/2"
+                )
+        if not (0 <= self.pan < math.inf and 0 < self.lift < math.inf):
             raise ValueError(
-                f"the camera is {self.height} m above the floor; give a height above 0"
+                f"the head turns by {self.pan} rad and moves up {self.lift} m/s; give an angle of "
+                "0 or more and a speed above 0"
             )
         if not 0 <= self.nearest < self.furthest < math.inf:
             raise ValueError(
@@ -51,29 +77,56 @@ class Sight:
                 "first"
             )
 
-    def eye(self, base: Pose) -> Floats:
-        """(3,) where the camera is, for a base pose in the map's frame."""
-        return np.array([base.x, base.y, base.z + self.height])
+    @property
+    def rest(self) -> Aim:
+        """Straight ahead, at the lowest height, nearest to level."""
+        return Aim(min(self.heights), min(self.pitches, key=abs))
 
-    def camera(self, base: Pose, size: tuple[int, int] = (240, 180)) -> DepthCamera:
-        """The camera in the map's frame, for a base pose."""
+    def aims(self) -> list[tuple[float, Aim]]:
+        """The headings of the base with the aims of its camera, which look in all directions.
+
+        A head that turns needs fewer headings of the base.
+        """
+        step = math.tau / HEADINGS
+        count = min(math.ceil(math.tau / (2 * self.pan + step) - 1e-9), HEADINGS)
+        bases = -math.pi + math.tau * np.arange(count) / count
+        found = []
+        for yaw in -math.pi + step * np.arange(HEADINGS):
+            turns = np.remainder(yaw - bases + math.pi, math.tau) - math.pi
+            base = int(abs(turns).argmin())
+            for height, pitch in itertools.product(self.heights, self.pitches):
+                found.append((float(bases[base]), Aim(height, pitch, float(turns[base]))))
+        return found
+
+    def eye(self, base: Pose, aim: Aim) -> Floats:
+        """(3,) where the camera is, for a base pose in the map's frame."""
+        return np.array([base.x, base.y, base.z + aim.height])
+
+    def pose(self, base: Pose, aim: Aim) -> Pose:
+        """The pose of the camera in the map's frame: x ahead, z up."""
+        turned = Rotation.from_euler("ZY", (base.yaw + aim.pan, aim.pitch)).as_quat()
+        return Pose(base.x, base.y, base.z + aim.height, *map(float, turned))
+
+    def camera(self, pose: Pose, size: tuple[int, int] = (240, 180)) -> DepthCamera:
+        """The camera at a pose in the map's frame, as of `pose`."""
+        ahead = pose.apply([[1.0, 0.0, 0.0]])[0] - pose.apply([[0.0, 0.0, 0.0]])[0]
         return camera_at(
-            self.eye(base),
-            base.yaw,
-            self.pitch,
+            pose[:3],
+            math.atan2(ahead[1], ahead[0]),
+            -math.asin(min(max(float(ahead[2]), -1.0), 1.0)),
             field_of_view=self.field_of_view,
             size=size,
             nearest=self.nearest,
         )
 
-    def frames(self, eye: Floats, yaws: Floats, points: Floats) -> Mask:
-        """(H, N) which points (N, 3) are in the picture of each yaw (H,), if nothing hides them."""
-        x, y, z = (points - eye).T
-        cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
+    def frames(self, offsets: Floats, yaw: float, pitch: float) -> Mask:
+        """(N,) which points are in the picture, at offsets (N, 3) from the eye, unless hidden."""
+        x, y, z = offsets.T
+        cos, sin = math.cos(yaw), math.sin(yaw)
         level = x * cos + y * sin
         right = x * sin - y * cos
-        ahead = level * math.cos(self.pitch) - z * math.sin(self.pitch)
-        down = -level * math.sin(self.pitch) - z * math.cos(self.pitch)
+        ahead = level * math.cos(pitch) - z * math.sin(pitch)
+        down = -level * math.sin(pitch) - z * math.cos(pitch)
         half = math.tan(self.field_of_view / 2)
         mask: Mask = (
             (abs(right) <= half * ahead)
@@ -133,44 +186,53 @@ def _free_without_costmap(
 
 def views_from(
     positions: Floats, floor: float, points: Floats, space: LineOfSight, sight: Sight
-) -> tuple[list[Pose], Mask]:
-    """The base poses at positions (C, 2), and which points (N, 3) each sees, (C * headings, N)."""
-    poses: list[Pose] = []
-    seen: list[Mask] = []
-    yaws = 2 * math.pi * np.arange(HEADINGS) / HEADINGS - math.pi
-    for x, y in positions:
-        eye = np.array([x, y, floor + sight.height])
-        near = np.flatnonzero(np.linalg.norm(points - eye, axis=1) <= sight.furthest)
-        clear = near[space.sees(eye, points[near])] if space.is_free(eye) else near[:0]
-        for yaw, framed in zip(yaws, sight.frames(eye, yaws, points[clear]), strict=True):
-            if framed.any():
-                mask = np.zeros(len(points), np.bool_)
-                mask[clear] = framed
-                poses.append(Pose.planar(float(x), float(y), float(yaw), floor))
-                seen.append(mask)
-    return poses, np.array(seen, np.bool_).reshape(-1, len(points))
+) -> tuple[list[tuple[Pose, Aim]], list[NDArray[np.intp]]]:
+    """The base poses at positions (C, 2) with aims, and the numbers of points (N, 3) in each view.
+
+    Views that show nothing are left out.
+    """
+    views: list[tuple[Pose, Aim]] = []
+    seen: list[NDArray[np.intp]] = []
+    each = sight.aims()
+    for x, y in positions.tolist():
+        clear = {}
+        for height in sight.heights:
+            eye = np.array([x, y, floor + height])
+            near = np.flatnonzero(np.linalg.norm(points - eye, axis=1) <= sight.furthest)
+            free = len(near) > 0 and space.is_free(eye)
+            clear[height] = near[space.sees(eye, points[near])] if free else near[:0]
+        for yaw, aim in each:
+            there = clear[aim.height]
+            offsets = points[there] - (x, y, floor + aim.height)
+            shown = there[sight.frames(offsets, yaw + aim.pan, aim.pitch)]
+            if len(shown):
+                views.append((Pose.planar(x, y, yaw, floor), aim))
+                seen.append(shown)
+    return views, seen
 
 
 def choose_views(
-    seen: Mask, weights: Floats, seconds: Floats, most: int = 30, least: float = 0.002
+    seen: csr_array, weights: Floats, seconds: Floats, most: int, least: float = 0.002
 ) -> list[int]:
     """The numbers of the views that together show most.
 
-    `seen` (C, N) says which points each view shows, `weights` (N,) the belief in each point. Of two
-    views that add the same, the one of fewer `seconds` (C,) from the robot is taken; infinite ones
-    are left out. One that adds less than the share `least` of what can be seen is the last.
+    `seen` (C, N) has a 1 where a view shows a point, `weights` (N,) the belief in each point. Of
+    two views that add the same, the one of fewer `seconds` (C,) from the robot is taken; infinite
+    ones are left out. One that adds less than the share `least` of what can be seen is the last.
     """
     left = weights.copy()
-    shown = csr_array(seen, dtype=np.float64)
     reachable = np.isfinite(seconds)
-    whole = float(weights[seen[reachable].any(axis=0)].sum()) if reachable.any() else 0.0
+    by_point = seen.tocsc()
+    gain = np.where(reachable, seen @ left, -1.0)
+    whole = float(weights[seen[reachable].sum(axis=0) > 0].sum()) if reachable.any() else 0.0
     chosen: list[int] = []
     while len(chosen) < most and whole > 0:
-        gain = np.where(reachable, shown @ left, -1.0)
-        best = np.flatnonzero(gain >= gain.max() * (1 - 1e-9))
+        best = np.flatnonzero(gain >= gain.max() - 1e-9 * whole)
         view = int(best[np.argmin(seconds[best])])
         if gain[view] <= least * whole:
             break
         chosen.append(view)
-        left[seen[view]] = 0.0
+        shown = seen.indices[seen.indptr[view] : seen.indptr[view + 1]]
+        gain -= by_point[:, shown] @ left[shown]
+        left[shown] = 0.0
     return chosen

@@ -93,6 +93,13 @@ SELECT coalesce(sides[1] <= into_sides[1] + 1e-9 AND sides[2] <= into_sides[2] +
        AND coalesce(height <= into_height + 1e-9, true);
 END;
 
+CREATE FUNCTION kept_at(height double precision)
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- How readily things are kept at a height above the floor, in metres, per area, to a table's.
+    SELECT CASE WHEN height < 0.15 THEN 0.2 WHEN height < 1.7 THEN 1 WHEN height < 2.1 THEN 0.3 ELSE 0.02 END;
+END;
+
 CREATE FUNCTION places_for(things bigint[])
 RETURNS TABLE (entity_id bigint, place_id bigint, weight double precision) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
@@ -150,7 +157,7 @@ BEGIN
         FROM candidate c WHERE c.kind = 'room'
     )
     SELECT t.id, s.id, sum(greatest(coalesce(s.area, 1), 0.0001) * coalesce(k.share, 1)
-                           * CASE WHEN s.z < 0.15 THEN 0.2 WHEN s.z < 1.7 THEN 1 WHEN s.z < 2.1 THEN 0.3 ELSE 0.02 END)
+                           * semmap.kept_at(s.z))
     FROM thing t JOIN space s ON s.map_id = t.map_id AND s.id <> t.id
      AND (s.kind = 'room' OR NOT t.stands OR t.rests AND s.type = ANY (resting))
      AND (s.id = t.holder_id OR t.rests OR semmap.fits(t.sides, t.height, t.base, s.sides, s.height, s.area))

@@ -84,19 +84,17 @@ def belief_picture(map: Map, about: str | BelievedPlaces, storey: str | None) ->
 def search_picture(search: ObjectSearch, storey: str | None) -> Picture:
     """The looks of a search, in their order, over its belief, on each storey that has some."""
     from planner.search.picture import looks_over
-    from planner.search.viewpoints import Sight
     from semmap.belief.heat_map import heat_map
     from semmap.belief.reader import read_places
 
     map = cast("Map", search.map)
     with map.snapshot() as seen:
         places = read_places(seen, search.name)
-    sight = search.options.get("sight") or Sight()
 
     def picture(view: StoreyView) -> Picture:
         rooms = {room.name for room in view.rooms}
         here = [place for place in places if place.storey == view.name] or places
-        over = looks_over(search.problem, search.decision.tour, rooms, sight)
+        over = looks_over(search.problem, search.decision.tour, rooms)
         return Picture.drawn(
             lambda path: heat_map(view, here, search.belief, path, name=search.name, over=over)
         )

@@ -217,6 +217,7 @@ class ObjectSearch:
     `problem` has places, viewpoints, travel times and rates; `decision` says what to do next, and
     the tour while nothing is found. `belief` says how probable each place is, as `Map.where` does.
     Looks are planned by one who doubts it: in `doubted`, half of each chance is the prior.
+    `assumed_body` and `assumed_camera` say what was assumed for a robot without its URDF.
     """
 
     name: str
@@ -226,6 +227,7 @@ class ObjectSearch:
     map: MapTasks = field(repr=False, compare=False)
     options: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
     assumed_body: str | None = field(default=None, repr=False)
+    assumed_camera: str | None = field(default=None, repr=False)
 
     @property
     def seconds(self) -> float:
@@ -259,6 +261,7 @@ class ObjectSearch:
         return {
             "object": self.name,
             "assumed_body": self.assumed_body,
+            "assumed_camera": self.assumed_camera,
             "belief": self.belief,
             "doubted": self.doubted,
             "action": self.decision.action,
@@ -269,6 +272,7 @@ class ObjectSearch:
                     "viewpoint": view.name,
                     "room": view.room,
                     "pose": view.pose._asdict(),
+                    "camera": self.problem.sight.pose(view.pose, view.aim)._asdict(),
                     "shows": dict(view.shows),
                     "opens": view.opens,
                 }

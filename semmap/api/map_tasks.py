@@ -230,7 +230,8 @@ class MapTasks(MapDriving):
         ----------
         name : of the object, or a type: the one of it whose search costs least
         start, robot : as for `plan`
-        sight, detector : the robot's camera, and how well it recognises objects
+        sight, detector : the robot's camera, by default that of its URDF, and how well it
+            recognises objects
         progress : called with a place that is measured, its number, and the number of places
 
         Raises
@@ -238,6 +239,7 @@ class MapTasks(MapDriving):
         LookupError, ValueError
             The map has no such object, robot or start, or it cannot be searched for.
         """
+        from planner.search.reader import read_sight
         from planner.search.receding_horizon import cheapest, decide
         from planner.search.search_mission import SearchPlanner
         from planner.tasks.reader import read_state
@@ -248,7 +250,8 @@ class MapTasks(MapDriving):
         with live.snapshot() as seen:
             state = read_state(seen, live.topology, start)
             begin = live.graph.endpoint(state.place, state.pose)
-            planner = SearchPlanner(live, sight, detector)
+            camera, assumed = (sight, None) if sight is not None else read_sight(seen, robot)
+            planner = SearchPlanner(live, camera, detector)
             names = things_named(seen, name)
             begun = [planner.begin(seen, each, begin, progress=progress) for each in names]
             best = cheapest([(each.problem, each.belief) for each in begun]) if names[1:] else 0
@@ -256,7 +259,8 @@ class MapTasks(MapDriving):
             belief = read_belief(seen, name)
         decision = decide(problem.problem, problem.belief)
         options = {"start": start, "robot": robot, "sight": sight, "detector": detector}
-        return ObjectSearch(name, belief, problem, decision, self, options, live.assumed_body)
+        assumptions = live.assumed_body, assumed
+        return ObjectSearch(name, belief, problem, decision, self, options, *assumptions)
 
     def missions(self) -> list[dict[str, Any]]:
         """The missions of the map, the newest first, with the counts of their steps."""

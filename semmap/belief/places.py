@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -18,16 +19,23 @@ from semmap.geometry.pose import IDENTITY, Pose
 BELOW, ABOVE = 0.05, 0.5
 """Metres that a detected point may be below a surface, and above it: an object has its height."""
 
+LEVEL = 0.4
+"""Metres between the levels at which objects may be in a volume, at most."""
+
 BORDER = 0.03
 """Metres by which a detected point may miss the edge of a surface."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A level area on which objects stand: an outline in the map's frame, metres, at a height z."""
+    """A level area on which objects stand: an outline in the map's frame, metres, at a height z.
+
+    `weight` is how readily things are kept there, per area.
+    """
 
     outline: shapely.Geometry
     height: float
+    weight: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +43,8 @@ class BeliefPlace:
     """An object or room at which other objects can be; metres in the map's frame.
 
     `surfaces` are where objects stand: of a room, its floor. `low` and `high` (3,) are corners of
-    its box; None without geometry. `stores`: objects are in it, too, as in a container.
+    its box; None without geometry. `stores`: objects are in it, too, as in a container, `inside`
+    as readily per area of its footprint.
     """
 
     name: str
@@ -47,6 +56,7 @@ class BeliefPlace:
     pose: Pose = field(default=IDENTITY)
     storey: str | None = None
     stores: bool = False
+    inside: float = 1.0
 
     @property
     def area(self) -> float:
@@ -125,18 +135,37 @@ def _volume(place: BeliefPlace) -> float:
     return float(np.prod(place.high - place.low))
 
 
-def sample_points(place: BeliefPlace, step: float, lift: float) -> NDArray[np.float64]:
-    """Return (n, 3) points evenly over surfaces of a place, and in the middle of one that stores.
+class PlacePoints(NamedTuple):
+    """Points at which an object may be at a place, evenly over its surfaces and in its volume."""
+
+    at: NDArray[np.float64]  # (n, 3) metres in the map's frame
+    weight: NDArray[np.float64]  # (n,) P(point | place); sums to 1
+    within: NDArray[np.bool_]  # (n,) in the volume, below the top
+
+
+def sample_points(place: BeliefPlace, step: float, lift: float) -> PlacePoints:
+    """Return points over the surfaces of a place, and in the volume of one that stores.
 
     A view of the top of a closed cabinet shows a part of the place, not all of it. `step` metres
-    are between the points, `lift` metres above the surface: half the height of the object.
+    are between the points, `lift` metres above the surface: half the height of the object. In a
+    volume, they are at several levels, up to `LEVEL` apart, as boards are not known.
     """
-    areas = [(surface.outline, surface.height + lift) for surface in place.surfaces]
-    within = place.stores or not areas
-    if within and place.footprint is not None and place.low is not None and place.high is not None:
-        areas.append((place.footprint, float(place.low[2] + place.high[2]) / 2))
-    parts = [_grid(outline, height, step) for outline, height in areas]
-    return np.concatenate(parts) if parts else np.empty((0, 3))
+    areas = [(s.outline, s.height + lift, s.weight * s.outline.area) for s in place.surfaces]
+    inside = place.stores or not areas
+    if inside and place.footprint is not None and place.low is not None and place.high is not None:
+        levels = _middles(float(place.low[2]), float(place.high[2]), LEVEL)
+        weight = place.inside * place.footprint.area / len(levels)
+        areas += [(place.footprint, float(z), weight) for z in levels]
+    if not areas:
+        return PlacePoints(np.empty((0, 3)), np.empty(0), np.empty(0, np.bool_))
+    parts = [_grid(outline, height, step) for outline, height, _ in areas]
+    weights = [np.full(len(p), w / len(p)) for p, (_, _, w) in zip(parts, areas, strict=True)]
+    at, weight = np.concatenate(parts), np.concatenate(weights)
+    within = np.arange(len(at)) >= sum(map(len, parts[: len(place.surfaces)]))
+    if place.stores and place.high is not None:
+        within |= at[:, 2] < place.high[2] - BELOW
+    even = weight.sum() > 0
+    return PlacePoints(at, weight / weight.sum() if even else np.full(len(at), 1 / len(at)), within)
 
 
 def _grid(outline: shapely.Geometry, height: float, step: float) -> NDArray[np.float64]:

@@ -30,12 +30,15 @@ SELECT e.name, e.kind, y.name AS storey, coalesce(w.pose, '{0,0,0,0,0,0,1}') AS 
        ARRAY[ST_XMax(w.box), ST_YMax(w.box), ST_ZMax(w.box)] AS high,
        coalesce(e.type = ANY (subtypes('container') || subtypes('storage_furniture')), false)
            AS stores, w.pose[3] + r.floor AS floor, w.pose[3] + r.ceiling AS ceiling,
-       s.outlines, s.heights
+       kept_at((ST_ZMin(w.box) + ST_ZMax(w.box)) / 2 - coalesce(f.pose[3], 0)) AS inside,
+       s.outlines, s.heights, s.weights
 FROM places_for(ARRAY[CAST(:id AS bigint)]) p JOIN entity e ON e.id = p.place_id
 LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
-LEFT JOIN entity y ON y.id = w.storey_id LEFT JOIN LATERAL (
+LEFT JOIN entity y ON y.id = w.storey_id LEFT JOIN world f ON f.entity_id = y.id
+LEFT JOIN LATERAL (
     SELECT array_agg(ST_AsBinary(ST_Force2D(pose_apply(ST_Force3D(s.outline), w.pose))))
-               AS outlines, array_agg(w.pose[3] + s.height) AS heights
+               AS outlines, array_agg(w.pose[3] + s.height) AS heights,
+           array_agg(kept_at(w.pose[3] + s.height - coalesce(f.pose[3], 0))) AS weights
     FROM entity_model m JOIN support_surface s ON s.model_id = m.model_id AND s.height IS NOT NULL
     WHERE m.entity_id = e.id AND abs(w.pose[4]) < 1e-3 AND abs(w.pose[5]) < 1e-3) s
     ON e.kind = 'object'
@@ -55,8 +58,10 @@ def read_places(seen: Snapshot, name: str) -> list[BeliefPlace]:
 def _place(row: Any) -> BeliefPlace:
     footprint = None if row.footprint is None else shapely.from_wkb(bytes(row.footprint))
     surfaces = [
-        Surface(shapely.from_wkb(bytes(outline)), float(height))
-        for outline, height in zip(row.outlines or (), row.heights or (), strict=True)
+        Surface(shapely.from_wkb(bytes(outline)), float(height), float(weight))
+        for outline, height, weight in zip(
+            row.outlines or (), row.heights or (), row.weights or (), strict=True
+        )
     ]
     low, high = (None if footprint is None else np.array(v, float) for v in (row.low, row.high))
     if row.kind == "room" and footprint is not None:
@@ -77,6 +82,7 @@ def _place(row: Any) -> BeliefPlace:
         pose,
         row.storey,
         stores=row.stores,
+        inside=1.0 if row.inside is None else float(row.inside),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,17 +81,24 @@ def visible_shares(
     furthest: float = math.inf,
     step: float = 0.05,
     height: float = 0.1,
+    shut: Collection[str] = (),
+    opened: Collection[str] = (),
 ) -> dict[str, float]:
     """Return the share of each place that a camera sees, in (0, 1], where it sees any of it.
 
     Points over the surfaces of a place, at half the height of an object, are visible if a ray from
     the camera reaches them. `depths` (height, width) is its image of all that hides, without the
     object that is looked for; `furthest`, `step` (between points) and `height` (of it) are metres.
+    What is within places that are `shut` is hidden, within those that the robot has `opened` seen.
     """
     shares = {}
     for place in places:
         points = sample_points(place, step, height / 2)
-        seen = visible_points(camera, points, depths, furthest)
+        seen = visible_points(camera, points.at, depths, furthest)
+        if place.name in opened:
+            seen |= points.within
+        elif place.name in shut:
+            seen &= ~points.within
         if seen.any():
-            shares[place.name] = float(seen.mean())
+            shares[place.name] = min(float(points.weight[seen].sum()), 1.0)
     return shares

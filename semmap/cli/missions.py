@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -81,8 +82,15 @@ class Looks:
     hit: float = Option(0.9, help="P(seen | the object is in view).")
     false_alarm: float = Option(0.02, help="P(seen | it is not there).")
     look: float = Option(3.0, help="Seconds of a look.")
-    camera_height: float = Option(1.2, help="Of the camera, metres.")
-    range_: float = Option(3.5, "--range", help="Metres within which it recognises objects.")
+    camera_height: list[float] = Option(
+        (), help="Of the camera, metres; repeatable. By default as the robot's URDF says, else 1.2."
+    )
+    camera_pitch: list[float] = Option(
+        (), help="Of the camera, downwards, radians; repeatable. By default as the URDF says."
+    )
+    range_: float | None = Option(
+        None, "--range", help="Metres within which it recognises objects; by default 3.5."
+    )
 
     def arguments(self) -> dict[str, Any]:
         """The camera and the detector of `Map.search`."""
@@ -90,7 +98,12 @@ class Looks:
         from planner.search.viewpoints import Sight
 
         try:
-            sight = Sight(height=self.camera_height, furthest=self.range_)
+            given: dict[str, Any] = {"furthest": self.range_} if self.range_ is not None else {}
+            if self.camera_height:
+                given["heights"] = tuple(self.camera_height)
+            if self.camera_pitch:
+                given["pitches"] = tuple(self.camera_pitch)
+            sight = Sight(**given) if given else None
             detector = Detector(
                 self.hit, self.false_alarm, self.look, self.missed, self.sure, self.limit
             )
@@ -147,8 +160,9 @@ def search_command(
     else:
         print(search.reason)
         _show_tour(search)
-        if search.assumed_body is not None:
-            _say(search.assumed_body)
+        for assumption in (search.assumed_body, search.assumed_camera):
+            if assumption is not None:
+                _say(assumption)
 
 
 def _show_tour(search: ObjectSearch) -> None:
@@ -156,9 +170,11 @@ def _show_tour(search: ObjectSearch) -> None:
     for view in search.tour:
         shows = ", ".join(f"{place} {share:.0%}" for place, share in view.shows[:6])
         opens = f"open {view.opens}: " if view.opens else ""
-        lines.append((view.name, f"{view.pose.x:.2f}", f"{view.pose.y:.2f}", opens + shows))
+        place = (f"{value:.2f}" for value in (view.pose.x, view.pose.y, view.aim.height))
+        down = f"{math.degrees(view.aim.pitch):.0f}"
+        lines.append((view.name, *place, down, opens + shows))
     if lines:
-        print_folded(("look from", "x", "y", "shows"), lines)
+        print_folded(("look from", "x", "y", "camera", "down", "shows"), lines)
 
 
 def _show_trials(found: dict[str, Any]) -> None:

@@ -91,11 +91,36 @@ def test_shares_of_a_table_behind_a_box() -> None:
 
 def test_points_are_spread_over_the_surfaces_of_a_place() -> None:
     points = sample_points(box_place("table", 1, 2, 0.7), 0.1, 0.05)
-    assert len(points) == 100
-    assert points.mean(axis=0) == pytest.approx([1, 2, 0.75])
-    cabinet = sample_points(replace(box_place("cabinet", 1, 2, 0.7), stores=True), 0.1, 0.05)
-    assert sorted(set(cabinet[:, 2].round(9))) == [0.35, 0.75]  # on it and in it
-    assert len(sample_points(box_place("pin", 1, 2, 0.7, 0.01), 0.1, 0.0)) == 1
+    assert len(points.at) == 100
+    assert points.at.mean(axis=0) == pytest.approx([1, 2, 0.75])
+    assert points.weight == pytest.approx(np.full(100, 0.01))
+    assert not points.within.any()
+    assert len(sample_points(box_place("pin", 1, 2, 0.7, 0.01), 0.1, 0.0).at) == 1
+
+
+def test_points_of_a_cabinet_are_at_several_heights_in_it_as_likely_as_the_map_says() -> None:
+    cabinet = replace(box_place("cabinet", 1, 2, 0.7), stores=True, inside=3.0)
+    points = sample_points(cabinet, 0.1, 0.05)
+    heights = points.at[:, 2].round(9)
+    assert sorted(set(heights)) == [0.175, 0.525, 0.75]  # twice in it, and on it
+    assert (points.within == (heights < 0.7)).all()
+    assert points.weight[points.within].sum() == pytest.approx(0.75)
+    assert points.weight.sum() == pytest.approx(1)
+    nowhere = sample_points(replace(cabinet, surfaces=(), inside=0.0), 0.1, 0.05)
+    assert nowhere.weight.sum() == pytest.approx(1)
+
+
+def test_what_is_within_a_place_is_seen_when_it_is_open() -> None:
+    cabinet = replace(box_place("cabinet", 1.5, 0, 0.7), stores=True)
+    camera = camera_at((0, 0, 1.6), 0, 0.6)
+    depths, _ = camera.image(np.empty((0, 3, 3)))
+
+    def share(**options: Any) -> float:
+        return visible_shares([cabinet], camera, depths, **options)["cabinet"]
+
+    assert share(shut={"cabinet"}) == pytest.approx(0.5, abs=0.05)
+    assert share(shut={"cabinet"}, opened={"cabinet"}) == pytest.approx(1, abs=0.05)
+    assert share() > share(shut={"cabinet"}) + 0.2
 
 
 def test_a_point_is_at_the_surface_below_it_else_in_the_room() -> None:

@@ -10,6 +10,7 @@ from planner.search.problem_builder import Detector, MapSearch, Viewpoint
 from planner.search.receding_horizon import cheapest, decide, tour_seconds
 from planner.search.search_mission import NotFoundError, SearchPlanner, explain
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
+from planner.search.viewpoints import Aim
 from semmap.geometry.pose import Pose
 from tests.oracles.point_based import solve
 from tests.planner.search.brute import best_order, expectimax
@@ -366,7 +367,7 @@ def search_at_tables(belief, *, missed=50.0, **changes):
     problem = replace(problem, places=names, missed=missed, wrong=20 * missed, **changes)
     shows = [names[int(row.argmax())] for row in problem.visible]
     viewpoints = tuple(
-        Viewpoint(name, "kitchen", Pose.planar(k, 0.0, 0.0, 0.0), ((place, 1.0),))
+        Viewpoint(name, "kitchen", Pose.planar(k, 0.0, 0.0, 0.0), Aim(1.2, 0.3), ((place, 1.0),))
         for k, (name, place) in enumerate(zip(problem.viewpoints, shows, strict=True))
     )
     search = MapSearch(problem, np.array([belief]), viewpoints, np.ones(3), None)
