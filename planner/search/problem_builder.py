@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -95,7 +95,7 @@ class MapSearch:
     viewpoints: tuple[Viewpoint, ...]  # in the order of the problem
     share: Floats  # (S,) the share of its place that each spot is
     graph: RoutingGraph  # of the travel times
-    sight: Sight = Sight()
+    sight: Sight = field(default_factory=Sight)
 
     @property
     def in_view(self) -> float:
@@ -149,7 +149,7 @@ def build_search(
     sight: Sight | None = None,
     detector: Detector | None = None,
     shut: frozenset[str] = frozenset(),
-    most_viewpoints: int = 200,
+    most_viewpoints: int = 400,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> MapSearch:
     """The search for an object of a height, metres, whose place is believed.
@@ -442,13 +442,18 @@ def _spots(
 
 
 def _from_start(graph: RoutingGraph, start: Endpoint, ends: Sequence[Endpoint]) -> Floats:
-    """(C,) seconds from the robot to each endpoint; in its own room all at once."""
+    """(C,) seconds from the robot to each endpoint; in its own room all at once.
+
+    A robot that is anywhere in a room is not in a part of it that has no way out.
+    """
     seconds = np.full(len(ends), np.inf)
     here = np.array([end.place == start.place for end in ends], np.bool_)
     elsewhere = [end for end in ends if end.place != start.place]
     seconds[~here] = seconds_between(graph, [start], elsewhere)[0]
     if start.pose is None:
-        seconds[here] = 0.0
+        own = [end.seconds for end in ends if end.place == start.place]
+        out = np.array([not len(times) or bool(np.isfinite(times).any()) for times in own])
+        seconds[here] = np.where(out, 0.0, np.inf)
     elif here.any():
         poses = [_pose(end) for end in ends if end.place == start.place]
         seconds[here] = graph.costs.between(start.place, [start.pose], poses).seconds[0]

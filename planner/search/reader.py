@@ -141,6 +141,12 @@ def read_room(seen: Snapshot, name: str) -> str | None:
     return _word(seen, _ROOM, name=name)
 
 
+def read_middle(seen: Snapshot, name: str) -> tuple[float, float, float] | None:
+    """The middle of the box of an entity, metres in the map's frame; None without geometry."""
+    row = seen.connection.execute(text(_MIDDLE), {"name": name}).one_or_none()
+    return None if row is None else (row.x, row.y, row.z)
+
+
 def _word(seen: Snapshot, statement: str, **values: object) -> str | None:
     found = _scalar(seen, statement, **values)
     return None if found is None else str(found)
@@ -155,6 +161,12 @@ _KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"
 _ROOM = """
 SELECT name FROM entity WHERE id = room_of(
     (SELECT id FROM entity WHERE map_id = current_map() AND name = :name))
+"""
+
+_MIDDLE = """
+SELECT (ST_XMin(box) + ST_XMax(box)) / 2 AS x, (ST_YMin(box) + ST_YMax(box)) / 2 AS y,
+       (ST_ZMin(box) + ST_ZMax(box)) / 2 AS z
+FROM world WHERE entity_id = entity_id(:name) AND box IS NOT NULL
 """
 
 _SHUT = """

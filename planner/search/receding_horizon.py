@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import Literal
 
@@ -27,6 +28,7 @@ LONGEST = 30  # stops of a tour, at most
 ROUNDS = 6  # improvements of a tour, at most
 BUDGET = 2e6  # values in the arrays of one round of improvements
 MOST_OPTIONS = 6  # ways to go on that are expanded answer by answer, the best first
+LEAST = 40  # viewpoints that are tried as the next one, at least
 LEAVES = 40  # beliefs that are expanded answer by answer
 
 
@@ -88,7 +90,7 @@ def decide(
     Decision
         Its `cost` is that of a plan that can be carried out, if no object hides another.
     """
-    options, tour = _options(problem, belief, at, opened, rounds)
+    options, tours = _options(problem, belief, at, opened, rounds)
     depth = _affordable(problem, options) if depth is None else depth
     if depth > 0:
         options = _expanded(problem, belief, at, opened, options, depth)
@@ -97,9 +99,9 @@ def decide(
         found = any(place is not None for place in problem.declared(belief)[0])
         return Decision("declare" if found else "give up", None, tuple(options))
     if best != at:
-        return Decision("go", best, tuple(options), tour)
+        return Decision("go", best, tuple(options), tours[best])
     shut = problem.opening[best] > 0 and best not in opened
-    return Decision("open" if shut else "look", best, tuple(options), tour)
+    return Decision("open" if shut else "look", best, tuple(options), tours[best])
 
 
 def cheapest(searches: Sequence[tuple[SearchProblem, Floats]]) -> int:
@@ -199,32 +201,34 @@ def _options(
     at: int | None,
     opened: frozenset[int],
     rounds: int = ROUNDS,
-) -> tuple[list[Option], tuple[int, ...]]:
-    """All ways to go on by their costs, and the best tour."""
+) -> tuple[list[Option], dict[int, tuple[int, ...]]]:
+    """All ways to go on by their costs, and the tour of each viewpoint that is the first."""
     declared = Option(None, 0.0, 0.0, problem.declared(belief)[1])
     tours = _Tours(problem, belief, at, opened)
     if not tours.usable.any():
-        return [declared], ()
+        return [declared], {}
     _, looks, order = tours.first()
     order, cost = tours.improve(looks, order, rounds)
-    firsts = np.flatnonzero(tours.usable)  # each viewpoint first, then the best tour without it
+    firsts = tours.promising(BUDGET / (belief.size * (len(order) + 1)))
+    # each viewpoint first, then the best tour without it
     each = np.full((len(firsts), len(order) + 1), -1, np.intp)
     for row, first in enumerate(firsts):
         rest = order.tolist()
         if first in rest:
             rest.remove(first)
         each[row, : len(rest) + 1] = [first, *rest]
-    costs = tours.totals(looks, each)[:, 1:].min(axis=1)
+    each = each[:, : max(LONGEST, 1)]  # one more look is not better than a tour that is cut
+    totals = tours.totals(looks, each)[:, 1:]
+    costs, ends = totals.min(axis=1), totals.argmin(axis=1) + 1
+    along = {int(row[0]): tuple(row[:end].tolist()) for row, end in zip(each, ends, strict=True)}
     if len(order):
         costs[firsts == order[0]] = np.minimum(cost, costs[firsts == order[0]])
+        along[int(order[0])] = tuple(order.tolist())
+    chances, seconds = tours.chances[firsts].tolist(), tours.seconds[firsts].tolist()
     options = [declared]
-    for viewpoint, value in zip(firsts.tolist(), costs.tolist(), strict=True):
-        once = problem.detection(belief, viewpoint)
-        chance = 1 - float(np.prod(1 - (belief * once).sum(axis=1)))
-        seconds = float(tours.legs[viewpoint] + tours.shut[viewpoint] + problem.look)
-        options.append(Option(viewpoint, seconds, chance, value))
+    options += map(Option, firsts.tolist(), seconds, chances, costs.tolist())
     options.sort(key=lambda o: (o.cost, o.viewpoint is not None))
-    return options, tuple(int(k) for k in order)
+    return options, along
 
 
 def _all_looks(problem: SearchProblem, belief: Floats) -> list[_Looks]:
@@ -261,7 +265,8 @@ def _at_least(looks: int, needed: int, chance: Floats) -> Floats:
 class _Tours:
     """Tours of viewpoints from where the robot is, with a belief.
 
-    `legs` and `shut` are the seconds (V,) to each viewpoint and of opening it.
+    `legs` and `shut` are the seconds (V,) to each viewpoint and of opening it, `seconds` those
+    until a look from it ends, and `chances` (V,) that it shows an object.
     """
 
     def __init__(
@@ -271,6 +276,23 @@ class _Tours:
         self.legs = problem.start if at is None else problem.travel[at]
         self.shut = problem.opening * [k not in opened for k in range(len(problem.opening))]
         self.usable = np.isfinite(self.legs) & (problem.visible @ belief.max(axis=0) > 1e-9)
+        self.seconds = self.legs + self.shut + problem.look
+
+    @cached_property
+    def chances(self) -> Floats:
+        shown = [self.problem.detection(self.belief, v) for v in range(len(self.legs))]
+        seen: Floats = (np.array(shown) * self.belief).sum(axis=2)
+        chances: Floats = 1 - np.prod(1 - seen, axis=1)
+        return chances
+
+    def promising(self, most: float) -> NDArray[np.intp]:
+        """The usable viewpoints; of more than `most` (or `LEAST`) those of most chance a second."""
+        usable = np.flatnonzero(self.usable)
+        count = max(int(most), LEAST)
+        if len(usable) <= count:
+            return usable
+        worth = self.chances[usable] / self.seconds[usable]
+        return np.sort(usable[np.argpartition(-worth, count)[:count]])
 
     def first(self) -> tuple[float, _Looks, NDArray[np.intp]]:
         """The greedy tour with the best number of looks at each stop, and its cost."""

@@ -388,14 +388,14 @@ def explain(
         text += f", to open {viewpoint.opens}"
     shows = ", ".join(f"{p} ({s:.0%} of it)" for p, s in viewpoint.shows[:MOST_NAMES])
     text += (
-        f": {chosen.seconds:.0f} s until a look shows {shows}, and {name} with {chosen.chance:.0%}"
+        f": {chosen.seconds:.0f} s until a look shows {shows}, and {name} with {chosen.chance:.1%}"
     )
     others = [o for o in decision.options if o.viewpoint not in (None, decision.viewpoint)]
     if others:
         next_ = others[0]
         text += (
             f". From {search.viewpoints[next_.viewpoint or 0].name} first ({next_.seconds:.0f} s, "
-            f"{next_.chance:.0%})"
+            f"{next_.chance:.1%})"
         )
     return text + _unseen(search, belief)
 

@@ -19,7 +19,12 @@ from planner.mission.sim_world import SimWorld
 from planner.mission.store.mission_list import MissionError
 from planner.mission.store.missions import MissionStore
 from planner.search.problem_builder import Detector
-from planner.search.reader import read_believed_object, read_entity_shapes, read_room
+from planner.search.reader import (
+    read_believed_object,
+    read_entity_shapes,
+    read_middle,
+    read_room,
+)
 from planner.search.viewpoints import Sight
 from semmap.arrays import Floats
 from semmap.belief.places import BeliefPlace, place_around, place_at
@@ -184,7 +189,7 @@ class SearchingRobot(SimulatedRobot):
         return None, f"{name} is not seen" + (f" at {', '.join([*shares][:4])}" if shares else "")
 
 
-_PUT = re.compile(r"(?P<item>.+?) (?:on|in) (?P<target>.+)")
+_PUT = re.compile(r"(?P<item>.+?) (?P<relation>on|in) (?P<target>.+)")
 
 
 def searching_robot(
@@ -230,6 +235,7 @@ def find_spots(
         item, target = found["item"].strip(), found["target"].strip()
         with live.snapshot() as seen:
             room = target if target in live.topology.places else read_room(seen, target)
+            middle = read_middle(seen, target)
         if room is None:
             raise MissionError(f"no room holds {target}: name a place of the map that is in one")
         spot = store.spot(item, target, Pose(0.0, 0.0, live.topology.places[room].floor))
@@ -237,5 +243,9 @@ def find_spots(
             raise MissionError(
                 f"nothing is free on {target} for {item}, or the map has no such object"
             )
-        spots.append((item, room, Sighting(target, "in" if target == room else "on", spot)))
+        inside = target == room
+        if found["relation"] == "in" and not inside and middle is not None:
+            x, y, z = middle
+            inside, spot = True, spot._replace(x=x, y=y, z=z)
+        spots.append((item, room, Sighting(target, "in" if inside else "on", spot)))
     return spots

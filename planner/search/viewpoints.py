@@ -88,14 +88,13 @@ class Sight:
         A head that turns needs fewer headings of the base.
         """
         step = math.tau / HEADINGS
-        count = min(math.ceil(math.tau / (2 * self.pan + step) - 1e-9), HEADINGS)
-        bases = -math.pi + math.tau * np.arange(count) / count
+        aside = min(int(self.pan / step + 1e-9), HEADINGS // 2)
         found = []
-        for yaw in -math.pi + step * np.arange(HEADINGS):
-            turns = np.remainder(yaw - bases + math.pi, math.tau) - math.pi
-            base = int(abs(turns).argmin())
+        for number in range(HEADINGS):
+            base = number - number % (2 * aside + 1) + aside
+            yaw, pan = base * step - math.pi, (number - base) * step
             for height, pitch in itertools.product(self.heights, self.pitches):
-                found.append((float(bases[base]), Aim(height, pitch, float(turns[base]))))
+                found.append((yaw, Aim(height, pitch, pan)))
         return found
 
     def eye(self, base: Pose, aim: Aim) -> Floats:

@@ -1,9 +1,10 @@
-"""A mug behind a box on the kitchen table of the small house: found, found sooner, and moved."""
+"""A mug in the small house: behind a box, moved, and in a wardrobe that must be opened."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from sqlalchemy import Engine
@@ -31,28 +32,36 @@ def url(house: Engine) -> str:
     return text
 
 
-def test_a_mug_behind_a_box_is_found_and_found_again_after_it_moved(url: str, tmp_path: Path):
-    def search(*more: str) -> tuple[str, int]:
-        words = ("--simulate", "--apply", "--speed", 100000, "--from", "bedroom", "--json")
-        words += ("--robot", "slim")
-        world = tmp_path / f"{len([*tmp_path.iterdir()])}.sqlite"
-        found = semmap_command(
-            url, "search", "mug", "--map", "house", *words, "--world", world, *more
-        )
-        answer = json.loads(found.stdout)
-        assert answer["state"] == "done"
-        assert "not_found" not in answer
-        mug = answer["found"]["mug"]
-        assert mug["seen"] or mug["looks"] == 0  # it may be sure enough without a look
-        looks = [s for s in answer["steps"] if s["action"] == "look"]
-        assert len(looks) == mug["looks"]
-        return mug["place"], mug["looks"]
+def search(url: str, folder: Path, *more: object) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The end of a simulated search for the mug, and its steps."""
+    words = ("--simulate", "--apply", "--speed", 100000, "--from", "bedroom", "--json")
+    words += ("--robot", "slim", "--world", folder / f"{len([*folder.iterdir()])}.sqlite")
+    found = semmap_command(url, "search", "mug", "--map", "house", *words, *more)
+    answer = json.loads(found.stdout)
+    assert answer["state"] == "done"
+    assert "not_found" not in answer
+    mug = answer["found"]["mug"]
+    assert mug["seen"] or mug["looks"] == 0  # it may be sure enough without a look
+    assert len([s for s in answer["steps"] if s["action"] == "look"]) == mug["looks"]
+    return mug, answer["steps"]
 
-    place, first = search()
-    assert place == TABLE
-    assert first > 1  # from the first side, the box hides it
-    place, moved = search("--put", "mug on CoffeeTable_01_001")
-    assert place == "CoffeeTable_01_001"
-    place, again = search()
-    assert place == "CoffeeTable_01_001"
-    assert again < moved
+
+def test_a_mug_behind_a_box_is_found_and_found_again_after_it_moved(url: str, tmp_path: Path):
+    mug, _ = search(url, tmp_path)
+    assert mug["place"] == TABLE
+    assert mug["looks"] > 1  # from the first side, the box hides it
+    mug, _ = search(url, tmp_path, "--put", "mug on CoffeeTable_01_001")
+    assert mug["place"] == "CoffeeTable_01_001"
+    again, _ = search(url, tmp_path)
+    assert again["place"] == "CoffeeTable_01_001"
+    assert again["looks"] < mug["looks"]
+
+
+def test_a_mug_in_a_shut_wardrobe_is_found_when_it_is_open(url: str, tmp_path: Path):
+    """The map says nothing of its doors: nothing sees into its mesh."""
+    mug, steps = search(url, tmp_path, "--put", "mug in Wardrobe_01_001", "--camera-pitch", 0.3)
+    assert mug["place"] == "Wardrobe_01_001"
+    opened = [step for step in steps if step["action"] == "open_container"]
+    assert opened[-1]["arguments"] == ["Wardrobe_01_001"]
+    seen_at = steps.index(opened[-1])
+    assert all("is seen at Wardrobe" not in (step["message"] or "") for step in steps[:seen_at])
