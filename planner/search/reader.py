@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ DOUBT = 0.5
 """How often a thing that is searched for is not where it was believed: who is sure, fetches it."""
 
 DOUBTED = f". Who searches doubts: {DOUBT:.0%} of each chance is the prior, the rest the belief"
+
+LARGE = 0.5  # metres of the box of a thing, corner to corner, that may hide a place from a look
 
 SURE = 0.9
 """With this belief in the place of an object in the map, it is fetched there without a search."""
@@ -116,6 +118,21 @@ def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[Seque
     return looks, int(_scalar(seen, "SELECT coalesce(max(id), 0) FROM observation"))
 
 
+class Circumstances(NamedTuple):
+    """What a search stands on, to see whether it is still so."""
+
+    told: int  # the newest observation of the object by others than the robot
+    holder: str | None  # what holds the object in the map
+    scene: str  # digest of where large things are, which hide others
+
+
+def read_circumstances(seen: Snapshot, name: str, robot: str) -> Circumstances:
+    """What others have seen of an object, where the map has it, and where large things are."""
+    values = {"name": name, "robot": robot, "large": LARGE}
+    row = seen.connection.execute(text(_CIRCUMSTANCES), values).one()
+    return Circumstances(*row)
+
+
 def read_opened(seen: Snapshot, robot: str) -> frozenset[str]:
     """The containers that a robot has opened in the mission that it runs."""
     return frozenset(seen.connection.execute(text(_OPENED), {"robot": robot}).scalars())
@@ -191,6 +208,21 @@ _LOOKS = """
 SELECT p.name AS place, o.seen FROM observation o JOIN entity p ON p.id = o.place_id
 WHERE o.entity_id = entity_id(:name) AND o.observer_id = entity_id(:robot) AND o.id > :after
 ORDER BY o.id
+"""
+
+_CIRCUMSTANCES = """
+WITH hiding AS (
+    SELECT concat_ws(' ', w.entity_id, ST_AsText(w.box, 1)) AS thing
+    FROM world w JOIN entity e ON e.id = w.entity_id
+    LEFT JOIN placement p ON p.entity_id = e.id LEFT JOIN entity h ON h.id = p.holder_id
+    WHERE e.map_id = current_map() AND e.kind = 'object' AND e.name <> :name
+      AND h.kind IS DISTINCT FROM 'agent' AND ST_3DLength(w.box) >= :large
+)
+SELECT coalesce((SELECT max(o.id) FROM observation o WHERE o.entity_id = entity_id(:name)
+                 AND o.observer_id IS DISTINCT FROM entity_id(:robot)), 0),
+       (SELECT h.name FROM placement p JOIN entity h ON h.id = p.holder_id
+        WHERE p.entity_id = entity_id(:name)),
+       coalesce((SELECT md5(string_agg(thing, ';' ORDER BY thing)) FROM hiding), '')
 """
 
 _OPENED = """

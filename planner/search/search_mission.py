@@ -17,7 +17,13 @@ from planner.plan import Action, Plan
 from planner.route_search import find_route
 from planner.routing_graph import Endpoint, RoutingGraph
 from planner.search.problem_builder import OPENING, Detector, MapSearch, build_search
-from planner.search.reader import read_believed_object, read_looks, read_opened
+from planner.search.reader import (
+    Circumstances,
+    read_believed_object,
+    read_circumstances,
+    read_looks,
+    read_opened,
+)
 from planner.search.receding_horizon import Decision, decide
 from planner.search.search_problem import ELSEWHERE, NOT_SEEN
 from planner.search.viewpoints import Sight
@@ -65,6 +71,7 @@ class _State:
     belief: Floats
     newest: int
     hidden: Floats  # (S,) how much of each spot no look has shown
+    known: Circumstances
     looked_at: tuple[str, ...] = ()
     seen_in: frozenset[str] = frozenset()
     looks: int = 0
@@ -192,6 +199,10 @@ class SearchPlanner:
             state.looked_at = (*dict.fromkeys([*state.looked_at, *(row.place for row in rows)]),)
         if read_missing(seen.connection, {name, *problem.places} - {ELSEWHERE}):
             return self._begun(seen, robot, name, start)  # again, without a removed place
+        before, state.known = state.known, read_circumstances(seen, name, robot)
+        own = any(row.seen for row in rows)  # its sighting places the object in the map
+        if state.known != (before._replace(holder=state.known.holder) if own else before):
+            return self._begun(seen, robot, name, start)  # others know more, or furniture moved
         at = None
         if start.pose is not None:
             at = state.at = state.search.nearest(start.place, start.pose, planned)
@@ -211,7 +222,8 @@ class SearchPlanner:
         """
         search = self.begin(seen, name, self.live.graph.endpoint(start.place, start.pose))
         _, newest = read_looks(seen, name, robot, 0)
-        begun = _State(search, search.belief, newest, np.ones(len(search.share)))
+        known = read_circumstances(seen, name, robot)
+        begun = _State(search, search.belief, newest, np.ones(len(search.share)), known)
         earlier = self._states.get(name)
         if earlier is not None:
             kept = ("looked_at", "seen_in", "looks", "seconds")

@@ -371,7 +371,7 @@ def search_at_tables(belief, *, missed=50.0, **changes):
         for k, (name, place) in enumerate(zip(problem.viewpoints, shows, strict=True))
     )
     search = MapSearch(problem, np.array([belief]), viewpoints, np.ones(3), None)
-    return search, search_mission._State(search, search.belief, 0, np.ones(3))
+    return search, search_mission._State(search, search.belief, 0, np.ones(3), None)
 
 
 def end(search, state, *, accepted="elsewhere", limit=3600.0):

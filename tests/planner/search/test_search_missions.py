@@ -195,6 +195,50 @@ def test_a_search_that_begins_again_keeps_its_looks_and_its_time(clean):
     assert sum(step.seconds for step in before) < 60 <= sum(step.seconds for step in done)
 
 
+SEEN = """
+INSERT INTO observation (entity_id, place_id, seen, hit, false_alarm)
+VALUES (entity_id('muffin1'), entity_id('coffee_table3'), true, 0.99, 0.001) RETURNING id
+"""
+MOVED = """
+UPDATE placement SET pose[1] = pose[1] + :metres WHERE entity_id = entity_id('desk2') RETURNING 1
+"""
+
+
+@pytest.mark.parametrize("what", ["seen by another", "furniture moved", "nothing"])
+def test_a_search_is_planned_again_when_others_know_more_or_furniture_moves(
+    clean, what, monkeypatch
+):
+    begun = []
+    original = SearchPlanner.begin
+
+    def begin(self, seen, name, start, progress=None):
+        begun.append(len(looked))
+        return original(self, seen, name, start, progress)
+
+    monkeypatch.setattr(SearchPlanner, "begin", begin)
+    looked = []
+
+    def change(event: MissionEvent) -> None:
+        if event.kind == "ended" and event.command.behaviour == "look":
+            looked.append(event.command.arguments)
+            if len(looked) == 1 and what == "seen by another":
+                clean.ask(SEEN)
+            if len(looked) == 1 and what == "furniture moved":
+                clean.ask(MOVED, metres=0.5)
+
+    try:
+        result, answers, _ = search(clean, put=["muffin1 on coffee_table3"], on_event=change)
+    finally:
+        if what == "furniture moved":
+            clean.ask(MOVED, metres=-0.5)
+    assert result.state == "done"
+    assert answers["muffin1"].place == "coffee_table3"
+    assert answers["muffin1"].looks == len(looked)
+    assert begun == ([0] if what == "nothing" else [0, 1])
+    if what == "seen by another":
+        assert "coffee_table3" in looked[1]
+
+
 @pytest.fixture(scope="module")
 def office_search(mission_url: str):
     """The search for the muffin in the office, from lab1."""
