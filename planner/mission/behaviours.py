@@ -118,8 +118,9 @@ class Behaviours(Protocol):
     """The behaviours of a robot. Each method starts a behaviour and returns at once.
 
     A connector or a domain file may name additional behaviours: they are methods of that name. A
-    search needs `look`, for the object ``command.arguments[0]``, whose answer is in the next
-    observation, and `open_container`. A robot without the method fails with the cause ``unable``.
+    search needs `open_container`, and `look`, for the object ``command.arguments[0]`` with the
+    camera at ``command.camera``, whose answer is in the next observation. A robot without the
+    method fails with the cause ``unable``.
     """
 
     def observe(self) -> RobotObservation:

@@ -87,6 +87,13 @@ class LineOfSight:
             clear[left] = ~occupied[self._cells(*along)].any(axis=1)
         return clear
 
+    def free_shares(self, eye: Floats, points: Floats) -> Floats:
+        """(N,) which share of the way from an eye (3,) to points (N, 3) is free of obstacles."""
+        steps = np.arange(0, 1, 0.8 * self.size / np.linalg.norm(points - eye, axis=1).max())
+        free = self.is_free(eye + steps[:, None] * (points - eye)[:, None])
+        shares: Floats = np.logical_and.accumulate(free, axis=1).mean(axis=1)
+        return shares
+
 
 @lru_cache(maxsize=1)
 def _space(triangles: bytes) -> LineOfSight:

@@ -96,6 +96,7 @@ class MapSearch:
     share: Floats  # (S,) the share of its place that each spot is
     graph: RoutingGraph  # of the travel times
     sight: Sight = field(default_factory=Sight)
+    space: LineOfSight | None = None  # what is free of obstacles
 
     @property
     def in_view(self) -> float:
@@ -235,7 +236,7 @@ def build_search(
     missed = detector.missed or _missed(problem, spread)
     # from the belief `sure` on, a place costs less than to miss the object
     problem = replace(problem, missed=missed, wrong=missed / (1 - detector.sure))
-    return MapSearch(problem, spread, tuple(viewpoints), share, graph, sight)
+    return MapSearch(problem, spread, tuple(viewpoints), share, graph, sight, space)
 
 
 def _missed(problem: SearchProblem, belief: Floats) -> float:
