@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from planner.robot_class import RobotClass
 from planner.route_search import seconds_between
 from planner.routing_graph import Endpoint, RoutingGraph
 from planner.search.line_of_sight import LineOfSight, line_of_sight
@@ -158,8 +159,8 @@ def build_search(
     `belief` is P(place), `ELSEWHERE` at none of them. `places` are those of the belief, with their
     surfaces, and the rooms with their outlines. `occluders` (F, 3, 3), metres in the map's frame,
     hide what is behind them, without the object. The robot must open the places `shut`, those
-    without a surface, and those into whose volume nothing sees, before it sees into them.
-    `progress` is called for each place in which
+    without a surface, and those into whose volume nothing sees, before it sees into them, if it
+    opens things. `progress` is called for each place in which
     viewpoints are sought, with its name, its number, and how many there are. Raises ValueError: a
     place of the belief is missing, or the robot can see none of them.
     """
@@ -195,7 +196,8 @@ def build_search(
         mask &= ~inside
         if mask.any():
             looks.append((ends[number], aims[number], mask, None))
-    for number in np.unique(of[inside]).tolist():
+    opened = np.unique(of[inside]).tolist() if _opens(graph.robot) else []
+    for number in opened:
         place = by_name[wanted[number]]
         if (end := _before(place, ends, seconds)) is not None:
             aim = _towards(place, end, sight)
@@ -384,6 +386,12 @@ def _before(container: BeliefPlace, ends: Sequence[Endpoint], seconds: Floats) -
     middle, here = container.footprint.centroid, _pose(end)
     yaw = math.atan2(middle.y - here.y, middle.x - here.x)
     return replace(end, pose=Pose.planar(here.x, here.y, yaw, here.z))
+
+
+def _opens(robot: RobotClass) -> bool:
+    """Whether a robot opens doors and drawers of furniture."""
+    able = robot.behaviours
+    return robot.opens and (able is None or "open_container" in able)
 
 
 def _towards(container: BeliefPlace, end: Endpoint, sight: Sight) -> Aim:

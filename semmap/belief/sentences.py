@@ -49,7 +49,8 @@ class Sentence:
     def __str__(self) -> str:
         """The sentence, with the names as the map writes them."""
         names = iter(self.names)
-        return re.sub(r"<\w+>", lambda _: next(names), _plain(self.form, self.relation or "in"))
+        plain = _plain(self.form, self.relation or "in")
+        return _with_articles(re.sub(r"<\w+>", lambda _: next(names), plain))
 
 
 def understand(text: str, names: Mapping[str, Sequence[str]]) -> Sentence:
@@ -114,7 +115,16 @@ def nearest_sentence(text: str, names: Mapping[str, Sequence[str]]) -> str:
         ends += row[-1:]
     if not ends:
         raise BeliefError("the map has no names: import a world, or teach objects")
-    return min(ends)[1]
+    return _with_articles(min(ends)[1])
+
+
+def _with_articles(sentence: str) -> str:
+    """A sentence with *an* before a vowel: an object is a thing."""
+    return re.sub(
+        r"(^|\bis )an? (?=(\w))",
+        lambda found: f"{found[1]}{'an' if found[2].lower() in 'aeiou' else 'a'} ",
+        sentence,
+    )
 
 
 Row = list[tuple[float, str]]

@@ -89,6 +89,12 @@ def test_an_unknown_sentence_has_the_nearest_one_in_its_error(sentence: str, nea
         understand(sentence, NAMES)
 
 
+def test_the_nearest_sentence_has_its_articles() -> None:
+    names = {"types": ["onion", "food", "apple"]}
+    assert nearest_sentence("a onions is an food", names) == "an onion is a food"
+    assert str(understand("a onion is a apple", names)) == "an onion is an apple"
+
+
 def test_names_that_are_spoken_alike_are_an_error() -> None:
     with pytest.raises(BeliefError, match='ambiguous: it may be "where is the tea_pot" or "where'):
         understand("where is the tea pot", {"things": ["tea_pot", "TeaPot"]})

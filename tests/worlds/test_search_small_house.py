@@ -11,6 +11,7 @@ from sqlalchemy import Engine
 
 import semmap
 from tests.command_line import semmap as semmap_command
+from tests.robot.robots import real_robot
 from tests.worlds.conftest import store_slim_robot
 
 TABLE = "KitchenTable_01_001"
@@ -65,3 +66,25 @@ def test_a_mug_in_a_shut_wardrobe_is_found_when_it_is_open(url: str, tmp_path: P
     assert opened[-1]["arguments"] == ["Wardrobe_01_001"]
     seen_at = steps.index(opened[-1])
     assert all("is seen at Wardrobe" not in (step["message"] or "") for step in steps[:seen_at])
+
+
+def test_a_robot_holds_its_camera_as_its_urdf_says_and_opens_nothing_if_it_cannot(url: str):
+    with semmap.connect(url) as database:
+        home = database.map("house")
+        assumed = home.search("mug", start="bedroom")
+        assert assumed.assumed_camera is not None
+        assert {view.aim.height for view in assumed.problem.viewpoints} == {1.2}
+        assert any(view.opens == "Wardrobe_01_001" for view in assumed.problem.viewpoints)
+        database.add_robot("tiago", real_robot("tiago"), opens=False)
+        search = home.search("mug", start="bedroom", robot="tiago")
+    assert search.assumed_camera is None
+    views = search.problem.viewpoints
+    assert not any(view.opens for view in views)
+    assert "Wardrobe_01_001" in search.problem.unseen
+    heights = sorted({view.aim.height for view in views})
+    assert heights[0] >= 1.06
+    assert heights[-1] <= 1.42  # its lift is 0.35 m high
+    assert len({view.aim.pitch for view in views}) > 1
+    assert all(abs(view.aim.pan) <= 1.31 for view in views)
+    for told, view in zip(search.as_json()["tour"], search.tour, strict=True):
+        assert told["camera"]["z"] == pytest.approx(view.pose.z + view.aim.height)
