@@ -23,7 +23,7 @@ from planner.mission.store.simulation_map import simulation_map, store_assumed_s
 from planner.readers.robot_class import read_agent_class, read_robot_class
 from planner.readers.topology import read_topology
 from planner.search.problem_builder import Detector
-from planner.search.reader import read_believed_object, read_sight
+from planner.search.reader import read_believed_object
 from planner.search.search_mission import SearchPlanner, SearchResult
 from planner.search.sim_search import find_spots, searching_robot
 from planner.search.task_search import FOUND, SearchingPlanner, objects_to_find
@@ -262,13 +262,11 @@ class SimulatedRun:
         if not names:
             return simulated_robot(live, sim_world, robot, **motion), tasks, {}
         detector = self.detector or Detector()
-        sight = self.sight
-        if sight is None:
-            with live.snapshot() as seen:
-                sight, assumed = read_sight(seen, self.robot_class or read_agent_class(seen, robot))
-            if assumed is not None:
-                self.say(assumed)
-        search = SearchPlanner(live, sight, detector, self.say)
+        search = SearchPlanner(live, self.sight, detector, self.say)
+        with live.snapshot() as seen:
+            sight = search.camera(seen)
+        if search.assumed_camera is not None:
+            self.say(search.assumed_camera)
         body = searching_robot(live, sim_world, robot, names, sight, detector, **motion)
         return body, SearchingPlanner(tasks, search, relations[1:]), search.answers
 

@@ -30,13 +30,14 @@ LEFT = 0.02  # share of what looks can show that a search may leave
 OPENING = 8.0  # seconds to open a container
 STANDING = 1.0  # metres from a shut container within which the robot can open it
 BEYOND = 0.2  # metres outside of the box of a container at which it is seen into
+LIFTS = (0.0, 0.05, 0.1, 0.15)  # metres above a point, of which the first free one sees out
 OPEN = 0.02  # share of all directions from which one must see a point within an open container
 
 
 def _directions(count: int) -> Floats:
     """(N, 3) unit vectors, evenly over the sphere (a Fibonacci lattice)."""
     z = 1 - (2 * np.arange(count) + 1) / count
-    angle = math.pi * (1 + math.sqrt(5)) * np.arange(count)
+    angle = math.pi * (1 + math.sqrt(5)) * (np.arange(count) + 0.5)
     radius = np.sqrt(1 - z * z)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
 
@@ -98,6 +99,7 @@ class MapSearch:
     graph: RoutingGraph  # of the travel times
     sight: Sight = field(default_factory=Sight)
     space: LineOfSight | None = None  # what is free of obstacles
+    closed: tuple[str, ...] = ()  # places that must be opened, if the robot does not open things
 
     @property
     def in_view(self) -> float:
@@ -188,7 +190,9 @@ def build_search(
     ends, aims, seen = _candidates(
         rooms, points, inside, space, sight, graph, progress or (lambda *_: None)
     )
-    seconds = _from_start(graph, start, ends)
+    stands, stand_of = _stands(ends)
+    times = _from_start(graph, start, stands)
+    seconds = times[stand_of]
     looks: list[tuple[Endpoint, Aim, NDArray[np.bool_], str | None]] = []
     boxes = _boxes(occluders)
     for number in choose_views(seen, weights, seconds, most_viewpoints):
@@ -196,10 +200,10 @@ def build_search(
         mask &= ~inside
         if mask.any():
             looks.append((ends[number], aims[number], mask, None))
-    opened = np.unique(of[inside]).tolist() if _opens(graph.robot) else []
-    for number in opened:
+    closed = np.unique(of[inside]).tolist()
+    for number in closed if _opens(graph.robot) else []:
         place = by_name[wanted[number]]
-        if (end := _before(place, ends, seconds)) is not None:
+        if (end := _before(place, stands, times, rooms)) is not None:
             aim = _towards(place, end, sight)
             looks.append((end, aim, inside & (of == number), place.name))
     if not looks:
@@ -238,7 +242,8 @@ def build_search(
     missed = detector.missed or _missed(problem, spread)
     # from the belief `sure` on, a place costs less than to miss the object
     problem = replace(problem, missed=missed, wrong=missed / (1 - detector.sure))
-    return MapSearch(problem, spread, tuple(viewpoints), share, graph, sight, space)
+    unable = () if _opens(graph.robot) else tuple(wanted[number] for number in closed)
+    return MapSearch(problem, spread, tuple(viewpoints), share, graph, sight, space, unable)
 
 
 def _missed(problem: SearchProblem, belief: Floats) -> float:
@@ -300,13 +305,13 @@ def _enclosed(
     for k, (point, place) in enumerate(zip(points, places, strict=True)):
         assert place.low is not None
         assert place.high is not None
+        lifts = point + [(0, 0, lift) for lift in LIFTS]  # out of the voxels of what carries it
+        start = lifts[int(space.is_free(lifts).argmax())]
         # a ray ends where it has left the box of the place
-        with np.errstate(divide="ignore"):
-            exits = np.maximum((place.low - point) / DIRECTIONS, (place.high - point) / DIRECTIONS)
-        lengths = exits.min(axis=1) + BEYOND
-        targets = point + lengths[:, None] * DIRECTIONS
+        exits = np.maximum((place.low - start) / DIRECTIONS, (place.high - start) / DIRECTIONS)
+        targets = start + (exits.min(axis=1) + BEYOND)[:, None] * DIRECTIONS
         targets = targets[targets[:, 2] >= place.low[2]]  # nothing looks in from below
-        enclosed[k] = space.sees(point, targets).mean() < OPEN
+        enclosed[k] = space.sees(start, targets).mean() < OPEN
     return enclosed
 
 
@@ -371,19 +376,33 @@ def _beside(positions: Floats, floor: float, points: Floats) -> list[Pose]:
     return [Pose.planar(float(x), float(y), 0.0, floor) for x, y in positions[away <= 2.0]]
 
 
-def _before(container: BeliefPlace, ends: Sequence[Endpoint], seconds: Floats) -> Endpoint | None:
-    """The nearest candidate beside a container, turned towards it; None if there is none."""
-    if container.footprint is None or not len(ends):
+def _stands(ends: Sequence[Endpoint]) -> tuple[list[Endpoint], NDArray[np.intp]]:
+    """The different endpoints, and (C,) the number of each."""
+    numbers = {id(end): number for number, end in enumerate({id(e): e for e in ends}.values())}
+    return [*{id(e): e for e in ends}.values()], np.array([numbers[id(e)] for e in ends], np.intp)
+
+
+def _before(
+    container: BeliefPlace,
+    stands: Sequence[Endpoint],
+    seconds: Floats,
+    rooms: Mapping[str, BeliefPlace],
+) -> Endpoint | None:
+    """The nearest pose beside a container in its room, turned towards it; None if there is none."""
+    if container.footprint is None or not len(stands):
         return None
     assert container.low is not None
-    poses = np.array([_pose(end)[:3] for end in ends])
+    middle = container.footprint.centroid
+    poses = np.array([_pose(end)[:3] for end in stands])
     level = abs(poses[:, 2] - container.low[2]) < 2.0
     beside = shapely.distance(shapely.points(poses[:, :2]), container.footprint) <= STANDING
-    near = beside & level & np.isfinite(seconds)
+    around = {name for name, room in rooms.items() if shapely.covers(room.footprint, middle)}
+    inside = np.array([not around or end.place in around for end in stands], np.bool_)
+    near = beside & level & inside & np.isfinite(seconds)
     if not near.any():
         return None
-    end = ends[int(np.where(near, seconds, np.inf).argmin())]
-    middle, here = container.footprint.centroid, _pose(end)
+    end = stands[int(np.where(near, seconds, np.inf).argmin())]
+    here = _pose(end)
     yaw = math.atan2(middle.y - here.y, middle.x - here.x)
     return replace(end, pose=Pose.planar(here.x, here.y, yaw, here.z))
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
 from semmap.robot.camera_reach import camera_reach
+from semmap.robot.error import RobotError
 from semmap.robot.urdf import load_robot
 
 HEIGHT = 0.1  # metres, of an object whose size is unknown
@@ -30,6 +31,7 @@ DOUBT = 0.5
 DOUBTED = f". Who searches doubts: {DOUBT:.0%} of each chance is the prior, the rest the belief"
 
 LARGE = 0.5  # metres of the box of a thing, corner to corner, that may hide a place from a look
+MOVED = 0.1  # metres by which such a thing moves until a search is planned again
 
 SURE = 0.9
 """With this belief in the place of an object in the map, it is fetched there without a search."""
@@ -60,30 +62,36 @@ def read_believed_object(seen: Snapshot, name: str) -> BelievedObject:
     """
     rows = where(seen, name)
     belief = {row["place"]: (1 - DOUBT) * row["probability"] + DOUBT * row["prior"] for row in rows}
-    shut = seen.connection.execute(text(_SHUT)).scalars()
+    shut = frozenset(seen.connection.execute(text(_SHUT)).scalars())
+    places = read_places(seen, name)  # what is shut has an inside
     return BelievedObject(
         name,
         belief,
-        read_places(seen, name),
+        [replace(place, stores=place.stores or place.name in shut) for place in places],
         read_occluders(seen, [name]),
         read_height(seen, name) or HEIGHT,
-        frozenset(map(str, shut)),
+        shut,
     )
 
 
 def read_sight(seen: Snapshot, robot: str | None) -> tuple[Sight, str | None]:
     """How a stored class of robots can hold its camera, by its URDF; and what is assumed, if so."""
     default = Sight()
-    try:
-        reach = None if robot is None else camera_reach(load_robot(read_robot_urdf(seen, robot)))
-    except LookupError:
-        reach = None
-    if reach is not None:
-        return Sight(reach.heights, reach.pitches, reach.pan), None
+    why = "as that of the robot is not known"
+    if robot is not None:
+        try:
+            reach = camera_reach(load_robot(read_robot_urdf(seen, robot)))
+            if reach is not None:
+                return Sight(reach.heights, reach.pitches, reach.pan), None
+            why = f"as the URDF of {robot} has no link with the name of a camera on its head"
+        except LookupError:
+            pass
+        except RobotError as error:
+            why = f"as the URDF of {robot} cannot be read: {error}"
     tilts = " and ".join(f"{math.degrees(pitch):.0f}" for pitch in default.pitches)
     return default, (
         f"assumed: a camera {default.heights[0]:g} m above the floor that looks {tilts} degrees "
-        "down, as that of the robot is not known"
+        f"down, {why}"
     )
 
 
@@ -118,19 +126,36 @@ def read_looks(seen: Snapshot, name: str, robot: str, after: int) -> tuple[Seque
     return looks, int(_scalar(seen, "SELECT coalesce(max(id), 0) FROM observation"))
 
 
-class Circumstances(NamedTuple):
-    """What a search stands on, to see whether it is still so."""
+@dataclass(frozen=True, eq=False)
+class Circumstances:
+    """What others know of an object, and where the large things are that may hide it."""
 
-    told: int  # the newest observation of the object by others than the robot
+    sighting: int  # the newest one of the object by another than the robot
     holder: str | None  # what holds the object in the map
-    scene: str  # digest of where large things are, which hide others
+    things: NDArray[np.int64]  # (n,) their ids
+    boxes: NDArray[np.float64]  # (n, 6) lowest and highest corners, metres in the map's frame
+
+    def differ(self, other: Circumstances, *, own_sighting: bool) -> bool:
+        """Whether a search must be planned again; its `own_sighting` moves the object in the map.
+
+        Things count that moved by more than `MOVED`.
+        """
+        if self.sighting != other.sighting or (self.holder != other.holder and not own_sighting):
+            return True
+        same = np.array_equal(self.things, other.things)
+        return not same or bool((abs(self.boxes - other.boxes) > MOVED).any())
 
 
 def read_circumstances(seen: Snapshot, name: str, robot: str) -> Circumstances:
-    """What others have seen of an object, where the map has it, and where large things are."""
+    """Who else has seen an object, where the map has it, and where large things are."""
     values = {"name": name, "robot": robot, "large": LARGE}
-    row = seen.connection.execute(text(_CIRCUMSTANCES), values).one()
-    return Circumstances(*row)
+    large = np.array(seen.connection.execute(text(_LARGE), values).all(), float).reshape(-1, 7)
+    return Circumstances(
+        int(_scalar(seen, _SIGHTING, name=name, robot=robot)),
+        read_holder(seen, name),
+        large[:, 0].astype(np.int64),
+        large[:, 1:],
+    )
 
 
 def read_opened(seen: Snapshot, robot: str) -> frozenset[str]:
@@ -210,19 +235,19 @@ WHERE o.entity_id = entity_id(:name) AND o.observer_id = entity_id(:robot) AND o
 ORDER BY o.id
 """
 
-_CIRCUMSTANCES = """
-WITH hiding AS (
-    SELECT concat_ws(' ', w.entity_id, ST_AsText(w.box, 1)) AS thing
-    FROM world w JOIN entity e ON e.id = w.entity_id
-    LEFT JOIN placement p ON p.entity_id = e.id LEFT JOIN entity h ON h.id = p.holder_id
-    WHERE e.map_id = current_map() AND e.kind = 'object' AND e.name <> :name
-      AND h.kind IS DISTINCT FROM 'agent' AND ST_3DLength(w.box) >= :large
-)
-SELECT coalesce((SELECT max(o.id) FROM observation o WHERE o.entity_id = entity_id(:name)
-                 AND o.observer_id IS DISTINCT FROM entity_id(:robot)), 0),
-       (SELECT h.name FROM placement p JOIN entity h ON h.id = p.holder_id
-        WHERE p.entity_id = entity_id(:name)),
-       coalesce((SELECT md5(string_agg(thing, ';' ORDER BY thing)) FROM hiding), '')
+_SIGHTING = """
+SELECT coalesce(max(id), 0) FROM observation
+WHERE entity_id = entity_id(:name) AND seen AND observer_id IS DISTINCT FROM entity_id(:robot)
+"""
+
+_LARGE = """
+SELECT w.entity_id, ST_XMin(w.box), ST_YMin(w.box), ST_ZMin(w.box), ST_XMax(w.box), ST_YMax(w.box),
+       ST_ZMax(w.box)
+FROM world w JOIN entity e ON e.id = w.entity_id
+LEFT JOIN placement p ON p.entity_id = e.id LEFT JOIN entity h ON h.id = p.holder_id
+WHERE e.map_id = current_map() AND e.kind = 'object' AND e.name <> :name
+  AND h.kind IS DISTINCT FROM 'agent' AND ST_3DLength(w.box) >= :large
+ORDER BY w.entity_id
 """
 
 _OPENED = """

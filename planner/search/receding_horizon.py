@@ -209,7 +209,8 @@ def _options(
         return [declared], {}
     _, looks, order = tours.first()
     order, cost = tours.improve(looks, order, rounds)
-    firsts = tours.promising(BUDGET / (belief.size * (len(order) + 1)))
+    promising = tours.promising(BUDGET / (belief.size * (len(order) + 1)))
+    firsts = np.union1d(promising, order[:1])
     # each viewpoint first, then the best tour without it
     each = np.full((len(firsts), len(order) + 1), -1, np.intp)
     for row, first in enumerate(firsts):

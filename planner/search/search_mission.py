@@ -23,6 +23,7 @@ from planner.search.reader import (
     read_circumstances,
     read_looks,
     read_opened,
+    read_sight,
 )
 from planner.search.receding_horizon import Decision, decide
 from planner.search.search_problem import ELSEWHERE, NOT_SEEN
@@ -59,7 +60,7 @@ class SearchResult:
     seen: bool  # there, during this search
     looks: int  # how many
     looked_at: tuple[str, ...]  # the places that they showed, in their order
-    covered: float  # how much of the first belief they showed
+    covered: float  # how much of the belief they showed since it began, or before, at least
     reason: str  # why the search ended, as a sentence
 
 
@@ -80,6 +81,7 @@ class _State:
     at: int | None = None  # the viewpoint of the last look
     failures: int = 0
     failed: frozenset[int] = frozenset()  # viewpoints that the robot did not reach
+    covered: float = 0.0  # how much of the belief looks showed before it began again
 
 
 class SearchPlanner:
@@ -96,12 +98,19 @@ class SearchPlanner:
         say: Callable[[str], object] | None = None,
     ) -> None:
         self.live = live
-        self.sight = sight or Sight()
+        self.sight = sight  # by default that of the robot's class
+        self.assumed_camera: str | None = None
         self.detector = detector or Detector()
         self._say = say or (lambda text: None)
         self._states: dict[str, _State] = {}
         self.answers: dict[str, SearchResult] = {}
         self._ended_without: dict[str, frozenset[str]] = {}
+
+    def camera(self, seen: Snapshot) -> Sight:
+        """How the robot can hold its camera; `assumed_camera` says so if it is not known."""
+        if self.sight is None:
+            self.sight, self.assumed_camera = read_sight(seen, self.live.graph.robot.name)
+        return self.sight
 
     def begin(
         self,
@@ -124,7 +133,7 @@ class SearchPlanner:
             self.live.graph,
             start,
             height=known.height,
-            sight=self.sight,
+            sight=self.camera(seen),
             detector=self.detector,
             shut=known.shut,
             progress=progress,
@@ -166,7 +175,7 @@ class SearchPlanner:
         search = state.search
         if at is None or graph is not search.graph:
             search = search.from_here(start, graph, at)
-        search = _without_failed(search, state, at)
+        search = _without_failed(search, state)
         decision = decide(search.problem, state.belief, at, opened)
         place = _found_place(search, state, accepted)
         if decision.action == "declare" and place is None:
@@ -200,8 +209,7 @@ class SearchPlanner:
         if read_missing(seen.connection, {name, *problem.places} - {ELSEWHERE}):
             return self._begun(seen, robot, name, start)  # again, without a removed place
         before, state.known = state.known, read_circumstances(seen, name, robot)
-        own = any(row.seen for row in rows)  # its sighting places the object in the map
-        if state.known != (before._replace(holder=state.known.holder) if own else before):
+        if before.differ(state.known, own_sighting=any(row.seen for row in rows)):
             return self._begun(seen, robot, name, start)  # others know more, or furniture moved
         at = None
         if start.pose is not None:
@@ -228,6 +236,8 @@ class SearchPlanner:
         if earlier is not None:
             kept = ("looked_at", "seen_in", "looks", "seconds")
             begun = replace(begun, **{field: getattr(earlier, field) for field in kept})
+            begun.covered = _covered(earlier)
+            begun.failed = _again(earlier, search)
         self._states[name] = begun
         return begun
 
@@ -253,7 +263,7 @@ def _result(
     chances = problem.by_place(belief)[0]
     best = int(chances.argmax()) if place is None else problem.places.index(place)
     likeliest, chance = problem.places[best], float(chances[best])
-    covered = float((state.search.belief[0] * (1 - state.hidden)).sum())
+    covered = _covered(state)
     time = None if over is None else f"the time of the search is over ({over:.0f} s)"
     if place is not None:
         reason = _declared(search, belief, place, place in state.seen_in, time, decision)
@@ -279,6 +289,17 @@ def _result(
         covered,
         reason,
     )
+
+
+def _again(earlier: _State, search: MapSearch) -> frozenset[int]:
+    """The viewpoints at which looks failed, in a search that has begun again."""
+    viewpoints = earlier.search.viewpoints
+    failed = {(viewpoints[k].pose, viewpoints[k].aim) for k in earlier.failed}
+    return frozenset(k for k, v in enumerate(search.viewpoints) if (v.pose, v.aim) in failed)
+
+
+def _covered(state: _State) -> float:
+    return max(state.covered, float((state.search.belief[0] * (1 - state.hidden)).sum()))
 
 
 def _found_place(search: MapSearch, state: _State, accepted: str | None) -> str | None:
@@ -328,11 +349,11 @@ def _no_look_at(search: MapSearch, decision: Decision) -> str:
     return f": no look shows it with more than {chance:.1%}"
 
 
-def _without_failed(search: MapSearch, state: _State, at: int | None) -> MapSearch:
-    """The search without the viewpoints that the robot did not reach."""
+def _without_failed(search: MapSearch, state: _State) -> MapSearch:
+    """The search without the viewpoints at which looks failed."""
     if state.planned is not None and state.failures >= TRIES:
         state.failed |= {state.planned}
-    failed = [*state.failed - {at}]
+    failed = [*state.failed]
     if not failed:
         return search
     start, travel = search.problem.start.copy(), search.problem.travel.copy()
@@ -450,6 +471,8 @@ def _unseen(search: MapSearch, belief: Floats) -> str:
     if likely:
         named = ", ".join(f"{place} ({chances[place]:.0%})" for place in likely[:MOST_NAMES])
         text = f". No pose that the robot reaches shows {named}"
+        if closed := [place for place in likely if place in search.closed]:
+            text += f"; this robot does not open {', '.join(closed[:MOST_NAMES])}"
     if search.in_view < LITTLE:
         count = len(search.viewpoints)
         text += f". All {count} viewpoints show {search.in_view:.0%} of where it may be"

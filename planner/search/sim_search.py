@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import shapely
 
 from planner.live_topology import LiveTopology
 from planner.mission.behaviours import PlaceLook, RobotObservation, Sighting
@@ -18,7 +19,7 @@ from planner.mission.sim_setup import body_options
 from planner.mission.sim_world import SimWorld
 from planner.mission.store.mission_list import MissionError
 from planner.mission.store.missions import MissionStore
-from planner.search.problem_builder import Detector
+from planner.search.problem_builder import STANDING, Detector
 from planner.search.reader import (
     read_believed_object,
     read_entity_shapes,
@@ -35,6 +36,7 @@ from semmap.query.storey_scene import NO_TRIANGLES, SceneEntity
 
 RECOGNISED = 0.25  # share of an object's picture that must be in view
 LEAST_SHARE = 0.02  # share of a place below which a look says nothing about it
+SIDEWAYS = 0.1  # metres by which a robot misses a pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +86,17 @@ class SimEyes:
             height=self.height,
             shut=self.shut,
             opened=opened,
+        )
+
+    def beside(self, base: Pose, names: Collection[str]) -> frozenset[str]:
+        """Those of some places beside which the robot stands."""
+        here = shapely.Point(base.x, base.y)
+        return frozenset(
+            place.name
+            for place in self.places
+            if place.name in names
+            and place.footprint is not None
+            and place.footprint.distance(here) <= STANDING + SIDEWAYS
         )
 
     def _in_reach(self, parts: Sequence[Floats], camera: Pose) -> Floats:
@@ -157,16 +170,18 @@ class SearchingRobot(SimulatedRobot):
         draw = random.Random(f"{eyes.seed} {self.name} {len(past)}")
         there, sighting = objects.get(name, ("", None))
         camera = command.camera or eyes.sight.pose(base, eyes.sight.rest)
-        near = frozenset(p for p in opened if p in command.arguments[1:])
+        near = eyes.beside(base, opened.intersection(command.arguments[1:]))
         inside = sighting is not None and sighting.relation == "in" and sighting.holder
-        if inside in near:
-            share = 1.0
-        elif there != place or inside in eyes.shut:
+        if there != place:
             share = 0.0
+        elif inside in near or inside in eyes.shut:
+            share = float(inside in near)
         else:
             visible = {n: s for n, (p, s) in objects.items() if not world.has_robot(s.holder)}
             share = eyes.share_in_view(name, camera, visible)
-        shares = {p: s for p, s in eyes.shares(camera, near, name).items() if s >= LEAST_SHARE}
+        every = eyes.shares(camera, near, name)
+        least = min(LEAST_SHARE, max(every.values(), default=0.0))  # each look says something
+        shares = {p: s for p, s in every.items() if s >= least}
         found = None
         if share >= RECOGNISED and draw.random() < eyes.detector.hit and sighting is not None:
             point = sighting.pose[:3]

@@ -62,9 +62,9 @@ class Sight:
             if not 0 < height < math.inf:
                 raise ValueError(f"the camera is {height} m above the floor; give a height above 0")
         for pitch in self.pitches or (math.nan,):
-            if not abs(pitch) <= math.pi / 2:
+            if not abs(pitch) < math.pi / 2:
                 raise ValueError(
-                    f"the camera looks {pitch} rad down; give an angle from -pi/2 to pi/2"
+                    f"the camera looks {pitch} rad down; give an angle between -pi/2 and pi/2"
                 )
         if not (0 <= self.pan < math.inf and 0 < self.lift < math.inf):
             raise ValueError(

@@ -92,7 +92,7 @@ def _find(house: MapSentences, names: Names, options: Options) -> Answered:
 
 def _bring(house: MapSentences, names: Names, options: Options) -> Answered:
     item, place = names
-    relation = "on" if house[place].kind == "object" else "in"
+    relation = "on" if house[place].kind == "object" else "in"  # an item may be a type, too
     found = house.plan(f'{relation}("{item}", "{place}")', **options)
     actions = "; ".join(map(str, found.actions)) or "nothing to do"
     return f"{actions}: {found.seconds:.1f} s ({found.proof})", found
@@ -172,5 +172,8 @@ ANSWERS: tuple[Callable[[MapSentences, Names, Options], Answered], ...] = (
     _is_a,
     _subsumed,
     _action,
+    _where,
+    _find,
+    _bring,
 )
 """What answers each of `semmap.belief.grammar.SENTENCES`: the text and the result."""

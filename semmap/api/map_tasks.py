@@ -81,12 +81,12 @@ class MapTasks(MapDriving):
                 robot = read_agent_class(seen, start)
         agent = robot if isinstance(robot, str) else None
         live = self.live_topology(robot, assume_sizes=assume_sizes)
-        tasks = TaskPlanner(live, added, gripper)
+        tasks, search = TaskPlanner(live, added, gripper), SearchPlanner(live)
         with live.snapshot() as seen:
             found = plan_with_search(
                 seen,
                 tasks,
-                SearchPlanner(live),
+                search,
                 goal,
                 start,
                 agent=agent,
@@ -99,6 +99,8 @@ class MapTasks(MapDriving):
                     write_pddl(task.problem(), Path(pddl))
                 found = found or (task.plan(patience), [])
             plan, reasons = found
+            if search.assumed_camera is not None:
+                reasons = [*reasons, search.assumed_camera.capitalize()]
             searched = {action.names[0] for action in plan.actions if action.name == "search"}
             items = [action.names[0] for action in plan.actions if action.name == "pickup"]
             items = [item for item in dict.fromkeys(items) if item not in searched]
@@ -239,19 +241,21 @@ class MapTasks(MapDriving):
         LookupError, ValueError
             The map has no such object, robot or start, or it cannot be searched for.
         """
-        from planner.search.reader import read_sight
+        from planner.readers.robot_class import read_agent_class
         from planner.search.receding_horizon import cheapest, decide
         from planner.search.search_mission import SearchPlanner
         from planner.tasks.reader import read_state
         from semmap.api.map_results import ObjectSearch
         from semmap.belief.store.beliefs import read_belief, things_named
 
+        if robot is None:
+            with self.snapshot() as seen:
+                robot = read_agent_class(seen, start)
         live = self.live_topology(robot)
         with live.snapshot() as seen:
             state = read_state(seen, live.topology, start)
             begin = live.graph.endpoint(state.place, state.pose)
-            camera, assumed = (sight, None) if sight is not None else read_sight(seen, robot)
-            planner = SearchPlanner(live, camera, detector)
+            planner = SearchPlanner(live, sight, detector)
             names = things_named(seen, name)
             begun = [planner.begin(seen, each, begin, progress=progress) for each in names]
             best = cheapest([(each.problem, each.belief) for each in begun]) if names[1:] else 0
@@ -259,7 +263,7 @@ class MapTasks(MapDriving):
             belief = read_belief(seen, name)
         decision = decide(problem.problem, problem.belief)
         options = {"start": start, "robot": robot, "sight": sight, "detector": detector}
-        assumptions = live.assumed_body, assumed
+        assumptions = live.assumed_body, planner.assumed_camera
         return ObjectSearch(name, belief, problem, decision, self, options, *assumptions)
 
     def missions(self) -> list[dict[str, Any]]:

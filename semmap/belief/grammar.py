@@ -17,8 +17,21 @@ PLACED = "{the} <thing> is {relation} {the} <place>"
 THING_IS_A = "{the} <thing> is {a} <type>"
 TYPE_IS_A = "{a} <type> is {a} <type>"
 ACTION = "<action>"
+WHERE_ANY, FIND_ANY, BRING_ANY = (form.replace("thing", "kind") for form in (WHERE, FIND, BRING))
 
-SENTENCES = (WHERE, FIND, BRING, GO, PLACED, THING_IS_A, TYPE_IS_A, ACTION)
+SENTENCES = (
+    WHERE,
+    FIND,
+    BRING,
+    GO,
+    PLACED,
+    THING_IS_A,
+    TYPE_IS_A,
+    ACTION,
+    WHERE_ANY,
+    FIND_ANY,
+    BRING_ANY,
+)
 """The sentences; ``<x>`` is a name, ``{x}`` one of `CHOICES`."""
 
 STATEMENTS = (PLACED, THING_IS_A, TYPE_IS_A)
@@ -27,14 +40,21 @@ STATEMENTS = (PLACED, THING_IS_A, TYPE_IS_A)
 CHOICES = {"the": ("", "the"), "a": ("a", "an"), "relation": ("in", "on")}
 """The words that may stand for ``{x}``; an empty one may be left out."""
 
-LISTS = {"thing": "things", "place": "places", "type": "types", "action": "actions"}
+LISTS = {
+    "thing": "things",
+    "place": "places",
+    "type": "types",
+    "action": "actions",
+    "kind": "kinds",
+}
 
 
 def write_grammar(names: Mapping[str, Sequence[str]], format: str = "gbnf") -> str:
     """Return a grammar of commands and teachings about the names of a map.
 
-    `names` has `things`, `places`, `types` and `actions`; sentences about an empty list are left
-    out. `BeliefError` if the format is none of `FORMATS`, or there are no names at all.
+    `names` has `things`, `places`, `types`, `actions`, and `kinds`, the types of the things, which
+    stand for any of them; sentences about an empty list are left out. `BeliefError` if the format
+    is none of `FORMATS`, or there are no names at all.
 
     Examples
     --------

@@ -140,7 +140,7 @@ class PlacePoints(NamedTuple):
 
     at: NDArray[np.float64]  # (n, 3) metres in the map's frame
     weight: NDArray[np.float64]  # (n,) P(point | place); sums to 1
-    within: NDArray[np.bool_]  # (n,) in the volume, below the top
+    within: NDArray[np.bool_]  # (n,) in the volume of one that stores, below its top
 
 
 def sample_points(place: BeliefPlace, step: float, lift: float) -> PlacePoints:
@@ -148,7 +148,7 @@ def sample_points(place: BeliefPlace, step: float, lift: float) -> PlacePoints:
 
     A view of the top of a closed cabinet shows a part of the place, not all of it. `step` metres
     are between the points, `lift` metres above the surface: half the height of the object. In a
-    volume, they are at several levels, up to `LEVEL` apart, as boards are not known.
+    volume, they are at several levels, up to `LEVEL` apart, all as likely: boards are not known.
     """
     areas = [(s.outline, s.height + lift, s.weight * s.outline.area) for s in place.surfaces]
     inside = place.stores or not areas
@@ -162,10 +162,12 @@ def sample_points(place: BeliefPlace, step: float, lift: float) -> PlacePoints:
     weights = [np.full(len(p), w / len(p)) for p, (_, _, w) in zip(parts, areas, strict=True)]
     at, weight = np.concatenate(parts), np.concatenate(weights)
     within = np.arange(len(at)) >= sum(map(len, parts[: len(place.surfaces)]))
-    if place.stores and place.high is not None:
-        within |= at[:, 2] < place.high[2] - BELOW
-    even = weight.sum() > 0
-    return PlacePoints(at, weight / weight.sum() if even else np.full(len(at), 1 / len(at)), within)
+    if place.stores:
+        for surface in place.surfaces:
+            below = at[:, 2] - lift < surface.height - BELOW
+            within |= below & shapely.contains_xy(surface.outline, at[:, :2])
+    whole = weight.sum()
+    return PlacePoints(at, weight / whole if whole > 0 else np.full(len(at), 1 / len(at)), within)
 
 
 def _grid(outline: shapely.Geometry, height: float, step: float) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,10 +92,11 @@ class Looks:
         None, "--range", help="Metres within which it recognises objects; by default 3.5."
     )
 
-    def arguments(self) -> dict[str, Any]:
-        """The camera and the detector of `Map.search`."""
+    def arguments(self, call: MethodCall) -> dict[str, Any]:
+        """The camera and the detector of `Map.search`: what is given in place of the robot's."""
+        from planner.readers.robot_class import read_agent_class
         from planner.search.problem_builder import Detector
-        from planner.search.viewpoints import Sight
+        from planner.search.reader import read_sight
 
         try:
             given: dict[str, Any] = {"furthest": self.range_} if self.range_ is not None else {}
@@ -103,7 +104,11 @@ class Looks:
                 given["heights"] = tuple(self.camera_height)
             if self.camera_pitch:
                 given["pitches"] = tuple(self.camera_pitch)
-            sight = Sight(**given) if given else None
+            sight = None
+            if given:
+                with call.handle.snapshot() as seen:
+                    robot = call.values["robot"] or read_agent_class(seen, call.values["start"])
+                    sight = replace(read_sight(seen, robot)[0], **given)
             detector = Detector(
                 self.hit, self.false_alarm, self.look, self.missed, self.sure, self.limit
             )
@@ -143,7 +148,7 @@ def search_command(
     json_: Json = False,
 ) -> None:
     """Search for an object: say where to look first and why, or let a simulated robot do it."""
-    seeing = looks.arguments()
+    seeing = looks.arguments(call)
     if simulate:
         name, told = call.values.pop("name"), vars(simulation) | _told(json_)
         _show_mission(call.handle.run(f'found("{name}")', **call.values, **told, **seeing), json_)

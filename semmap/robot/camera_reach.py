@@ -38,10 +38,11 @@ class CameraReach(NamedTuple):
 
 
 def camera_reach(robot: Robot) -> CameraReach | None:
-    """How a robot can hold the highest of its cameras that look ahead; None if it has none.
+    """How a robot can hold the camera of its head; None if it has none that looks ahead.
 
-    A camera counts that a lift, a joint that pans, and one that tilts carry, one of each at most:
-    that of a hand moves with its arm.
+    Between the base and the camera are at most one lift, one joint that pans and one that tilts:
+    the camera of a hand moves with its arm. Of several, the one that turns most counts, then the
+    highest.
     """
     above = {joint.child: joint for joint in robot.joints}
     found = []
@@ -52,10 +53,11 @@ def camera_reach(robot: Robot) -> CameraReach | None:
             if len(kinds) == len(joints) and "other" not in kinds:
                 height, pitch = _held(robot, link, {})
                 if abs(pitch) <= STEEP and _looks_ahead(robot, link):
-                    found.append((height, bool(OPTICAL.search(link)), link, kinds))
+                    turns = len(kinds.keys() & {"pan", "tilt"})
+                    found.append((turns, height, bool(OPTICAL.search(link)), link, kinds))
     if not found:
         return None
-    *_, link, kinds = max(found, key=lambda camera: camera[:2])
+    *_, link, kinds = max(found, key=lambda camera: camera[:3])
     return CameraReach(link, *_range(robot, link, kinds))
 
 
@@ -98,12 +100,12 @@ def _range(
 ) -> tuple[tuple[float, ...], tuple[float, ...], float]:
     """The heights, the pitches and the pan that joints of these kinds reach."""
     heights = [_held(robot, link, {})[0]]
-    if "lift" in kinds:
+    if "lift" in kinds and np.isfinite(kinds["lift"].limits).all():
         lift = kinds["lift"]
         ends = [_held(robot, link, {lift.name: limit})[0] for limit in lift.limits]
         heights = [*np.linspace(min(ends), max(ends), 3 if np.ptp(ends) > LEAST else 1)]
     pitches = [_held(robot, link, {})[1]]
-    if "tilt" in kinds:
+    if "tilt" in kinds and np.isfinite(kinds["tilt"].limits).all():
         tilt = kinds["tilt"]
         held = [_held(robot, link, {tilt.name: a})[1] for a in np.linspace(*tilt.limits, 50)]
         low, high = max(min(held), -UPWARDS), min(max(held), STEEP)

@@ -21,6 +21,7 @@ ONLY = {
     "place": ["table", "kitchen"],
     "type": ["mug", "drinkware"],
     "action": ["grasp"],
+    "kind": ["mug", "drinkware"],
 }
 """Of the names of the map, those that the test speaks of: of each rule of its grammar."""
 
@@ -48,12 +49,15 @@ def direct(house: semmap.Map, sentence: str) -> Any:
     """The answer of the method that a person would call, chosen by the words of the sentence."""
     words = sentence.replace(" the ", " ").removeprefix("the ").split()
     place = words[-1]
+    item = next(
+        (name for name in ("drinkware", "mug_1", "mug") if name in sentence.replace(" ", "_")), ""
+    )
     if words[0] == "where":
         return dict(house.where("mug_1"))
     if words[0] == "find":
         return house.search("mug_1").as_json()
     if words[0] == "bring":
-        return house.plan("on(mug_1, table)" if place == "table" else "in(mug_1, kitchen)").goal
+        return f"on({item}, table)" if place == "table" else f"in({item}, kitchen)"
     if words[0] == "go":
         return house.route("robot", place).places
     if words[0] == "grasp":

@@ -16,6 +16,7 @@ NAMES = {
     "places": ["KitchenTable", "hall"],
     "types": ["mug", "tea_pot"],
     "actions": ["grasp"],
+    "kinds": ["pot"],
 }
 
 
@@ -24,7 +25,7 @@ EVERY = generated(write_grammar(NAMES, "jsgf"))
 
 def test_all_forms_are_generated() -> None:
     # names, articles and relations, counted from the forms of the grammar
-    assert len(EVERY) == len({*EVERY}) == 4 + 4 + 16 + 4 + 32 + 16 + 16 + 1
+    assert len(EVERY) == len({*EVERY}) == 4 + 4 + 16 + 4 + 32 + 16 + 16 + 1 + 2 + 2 + 8
 
 
 @pytest.mark.parametrize("sentence", EVERY)

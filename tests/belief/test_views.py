@@ -110,6 +110,17 @@ def test_points_of_a_cabinet_are_at_several_heights_in_it_as_likely_as_the_map_s
     assert nowhere.weight.sum() == pytest.approx(1)
 
 
+def test_a_worktop_is_not_within_its_cabinet_though_a_tap_is_above_it() -> None:
+    sink = replace(box_place("sink", 0, 0, 0.9), stores=True)
+    tap = replace(sink, high=np.array([0.5, 0.5, 1.2]))
+    board = replace(tap, surfaces=(*tap.surfaces, Surface(shapely.box(-0.5, -0.5, 0.5, 0.5), 0.4)))
+    for place in (sink, tap, board):
+        points = sample_points(place, 0.1, 0.05)
+        heights = points.at[:, 2].round(9)
+        assert not points.within[heights == 0.95].any()
+        assert points.within[heights == 0.45].all()
+
+
 def test_what_is_within_a_place_is_seen_when_it_is_open() -> None:
     cabinet = replace(box_place("cabinet", 1.5, 0, 0.7), stores=True)
     camera = camera_at((0, 0, 1.6), 0, 0.6)

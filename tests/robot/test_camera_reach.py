@@ -1,5 +1,6 @@
 """The cameras of real robots, judged by the limits in their URDF; and of one by hand."""
 
+import re
 from xml.etree.ElementTree import parse
 
 import numpy as np
@@ -66,6 +67,18 @@ def test_a_camera_by_hand_is_where_its_joints_say(tmp_path):
 def test_what_no_head_carries_is_no_camera_of_a_search(tmp_path, camera, type_, axis):
     text = BY_HAND.replace("</robot>", HEAD.format(camera=camera, type=type_, axis=axis))
     assert camera_reach(load_robot(by_hand(tmp_path, text))) is None
+
+
+def test_a_tilt_without_limits_and_a_higher_link_that_does_not_turn(tmp_path):
+    head = HEAD.format(camera="camera", type="revolute", axis="0 1 0")
+    free = re.sub(r'<limit lower="-0.4".*?/>', "", head)
+    reach = camera_reach(load_robot(by_hand(tmp_path, BY_HAND.replace("</robot>", free))))
+    assert (reach.link, len(reach.pitches)) == ("camera", 1)
+    speaker = HEAD.format(camera="stereo_speaker", type="fixed", axis="0 1 0")
+    speaker = speaker.replace('"tilt"', '"on_top"').replace("0.1 0 0.05", "0 0 0.8")
+    speaker = speaker.replace('link="head_link"', 'link="column"')
+    text = BY_HAND.replace("</robot>", head.replace("</robot>", speaker))
+    assert camera_reach(load_robot(by_hand(tmp_path, text))).link == "camera"
 
 
 def test_a_robot_without_camera_has_none(tmp_path):

@@ -11,6 +11,7 @@ from psycopg import errors, sql
 from psycopg.types.json import Jsonb
 
 from semmap.belief.error import BeliefError
+from semmap.belief.grammar import spoken
 from semmap.belief.sentences import understand
 from semmap.belief.store.beliefs import add_observations, refusal
 from semmap.belief.store.taught_facts import noted, restate
@@ -91,7 +92,7 @@ def how_to(seen: Snapshot, goal: str, given: Sequence[str] = ()) -> list[KnownAc
 
 
 def vocabulary(seen: Snapshot) -> dict[str, list[str]]:
-    """Return the names that a grammar needs: `things`, `places`, `types` and `actions`."""
+    """Return the names of `semmap.belief.grammar.write_grammar`."""
     return _vocabulary(seen.session)
 
 
@@ -103,10 +104,16 @@ def _vocabulary(session: psycopg.Connection[Any]) -> dict[str, list[str]]:
         "types": "SELECT name FROM semantic_type ORDER BY 1",
         "actions": "SELECT DISTINCT action FROM taught_action WHERE map_id = current_map() "
         "ORDER BY 1",
+        "kinds": "SELECT DISTINCT s.super FROM entity e JOIN type_closure s ON s.sub = e.type "
+        "WHERE e.map_id = current_map() AND e.kind IN ('object', 'agent') "
+        "AND s.super NOT IN ('object', 'entity', 'agent') ORDER BY 1",
     }
-    return {
+    names = {
         key: [row[0] for row in session.execute(query).fetchall()] for key, query in queries.items()
     }
+    things = set(map(spoken, names["things"]))  # a name stands for its thing, not for a type
+    names["kinds"] = [kind for kind in names["kinds"] if spoken(kind) not in things]
+    return names
 
 
 def _with_relations(session: psycopg.Connection[Any], teaching: Teaching) -> Teaching:

@@ -12,9 +12,12 @@ import pytest
 from planner.live_topology import LiveTopology
 from planner.mission import Runner
 from planner.mission.runner import MissionEvent
+from planner.readers.robot_class import delete_robot_class, store_robot_class
+from planner.robot_class import RobotClass
 from planner.search import search_mission
 from planner.search.line_of_sight import LineOfSight, line_of_sight
 from planner.search.problem_builder import Detector, MapSearch, build_search
+from planner.search.reader import read_sight
 from planner.search.receding_horizon import decide
 from planner.search.search_mission import NotFoundError, SearchPlanner
 from planner.search.search_problem import as_pomdp
@@ -204,7 +207,12 @@ UPDATE placement SET pose[1] = pose[1] + :metres WHERE entity_id = entity_id('de
 """
 
 
-@pytest.mark.parametrize("what", ["seen by another", "furniture moved", "nothing"])
+STEPS = {"furniture moved": 0.5, "a little": 0.05}  # metres
+
+
+@pytest.mark.parametrize(
+    "what", ["seen by another", "furniture moved", "nothing", "missed by another", "a little"]
+)
 def test_a_search_is_planned_again_when_others_know_more_or_furniture_moves(
     clean, what, monkeypatch
 ):
@@ -223,20 +231,43 @@ def test_a_search_is_planned_again_when_others_know_more_or_furniture_moves(
             looked.append(event.command.arguments)
             if len(looked) == 1 and what == "seen by another":
                 clean.ask(SEEN)
-            if len(looked) == 1 and what == "furniture moved":
-                clean.ask(MOVED, metres=0.5)
+            if len(looked) == 1 and what == "missed by another":
+                clean.ask(SEEN.replace("true", "false"))
+            if len(looked) == 1 and what in STEPS:
+                clean.ask(MOVED, metres=STEPS[what])
 
     try:
         result, answers, _ = search(clean, put=["muffin1 on coffee_table3"], on_event=change)
     finally:
-        if what == "furniture moved":
-            clean.ask(MOVED, metres=-0.5)
+        if what in STEPS:
+            clean.ask(MOVED, metres=-STEPS[what])
     assert result.state == "done"
     assert answers["muffin1"].place == "coffee_table3"
     assert answers["muffin1"].looks == len(looked)
-    assert begun == ([0] if what == "nothing" else [0, 1])
+    assert begun == ([0, 1] if what in ("seen by another", "furniture moved") else [0])
     if what == "seen by another":
         assert "coffee_table3" in looked[1]
+
+
+def test_a_class_whose_urdf_is_broken_has_an_assumed_camera(clean, tmp_path):
+    live = LiveTopology(MapHandle(clean.engine, "office"))
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text("<robot>")
+    with clean.engine.begin() as connection:
+        store_robot_class(connection, RobotClass("blind"), urdf=urdf)
+    try:
+        for name, why in (
+            ("blind", "cannot be read"),
+            ("nobody", "not known"),
+            (None, "not known"),
+        ):
+            with live.snapshot() as seen:
+                sight, assumed = read_sight(seen, name)
+            assert sight == Sight()
+            assert why in assumed
+    finally:
+        with clean.engine.begin() as connection:
+            delete_robot_class(connection, "blind")
 
 
 @pytest.fixture(scope="module")

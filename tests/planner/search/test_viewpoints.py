@@ -94,6 +94,20 @@ def test_what_nothing_sees_from_outside_must_be_opened(missing):
         assert (~hit).mean() > 0.02
 
 
+@pytest.mark.parametrize("height", [0.02, 0.06, 0.1, 0.14])
+def test_a_low_object_on_a_board_of_an_open_shelf_is_seen(height):
+    """The board and the object are in one voxel."""
+    levels = (0.1, 0.45, 0.8, 1.2)
+    inner = [box_mesh((-0.5, -0.15, z - 0.02), (0.5, 0.15, z)).triangles for z in levels]
+    back = box_mesh((-0.5, 0.13, 0.0), (0.5, 0.15, 1.6)).triangles
+    top = box_mesh((-0.5, -0.15, 1.58), (0.5, 0.15, 1.6)).triangles
+    low, high = np.array([-0.5, -0.15, 0]), np.array([0.5, 0.15, 1.6])
+    place = BeliefPlace("shelf", "object", (), low, high, stores=True)
+    points = np.array([(x, 0.0, z + height / 2) for x in (-0.3, 0.0, 0.3) for z in levels])
+    space = LineOfSight(np.concatenate([*inner, back, top]))
+    assert not _enclosed(points, [place] * len(points), space).any()
+
+
 @given(st.integers(0, 10_000))
 @settings(max_examples=40)
 def test_the_chosen_views_are_those_of_the_greedy_cover(seed):
