@@ -107,7 +107,9 @@ class Looks:
             sight = None
             if given:
                 with call.handle.snapshot() as seen:
-                    robot = call.values["robot"] or read_agent_class(seen, call.values["start"])
+                    robot = call.values.get("robot") or read_agent_class(
+                        seen, call.values.get("start")
+                    )
                     sight = replace(read_sight(seen, robot)[0], **given)
             detector = Detector(
                 self.hit, self.false_alarm, self.look, self.missed, self.sure, self.limit

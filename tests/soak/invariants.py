@@ -159,7 +159,7 @@ def wrong_statements(engine: Engine, map_name: str, state: Path) -> list[str]:
     return wrong
 
 
-def wrong_follower(engine: Engine, map_name: str, file: Path, most: float = 120.0) -> list[str]:
+def wrong_follower(engine: Engine, map_name: str, file: Path, most: float = 600.0) -> list[str]:
     """Return how a follower differs from a new query, once nothing changes any more.
 
     Parameters

@@ -22,6 +22,9 @@ from tests.soak.invariants import STATED, last_line, url_of
 
 TOKEN = "a-token-of-a-robot"
 
+REFUSALS = 408, 503
+"""Of a request that came too slowly, and of a server that has too many or no database."""
+
 SECONDS = 600
 """A machine that runs dozens of processes of the trial gives an update little time."""
 
@@ -76,7 +79,7 @@ def http_server(cluster: Cluster, state: Path, port: str) -> None:
 
 
 def http_writer(cluster: Cluster, state: Path, map_name: str, entity: str, port: str) -> None:
-    """State a number of an entity by HTTP, and count on; 503 is the one refusal there may be."""
+    """State a number of an entity by HTTP, and count on; a busy server may refuse it."""
     del cluster
 
     def post(text: str) -> bool:
@@ -84,7 +87,7 @@ def http_writer(cluster: Cluster, state: Path, map_name: str, entity: str, port:
             answer = client.post(f"/maps/{map_name}/update", json={"text": text})
         except httpx.TransportError:  # the server was killed
             return False
-        if answer.status_code not in (200, 503):
+        if answer.status_code not in (200, *REFUSALS):
             with (state / "wrong").open("a") as file:
                 file.write(f"HTTP answers {answer.status_code}: {answer.text[:300]}\n")
         return answer.status_code == 200
