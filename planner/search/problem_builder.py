@@ -182,9 +182,8 @@ def build_search(
     space = line_of_sight(occluders)
     inside = within & np.array([wanted[k] in shut for k in of], np.bool_)
     unsure = np.flatnonzero(within & ~inside)
-    inside[unsure[_enclosed(points[unsure], [by_name[wanted[k]] for k in of[unsure]], space)]] = (
-        True
-    )
+    around = [by_name[wanted[k]] for k in of[unsure]]
+    inside[unsure] = enclosed(points[unsure], around, space)
 
     rooms = {p.name: p for p in places if p.kind == "room" and p.footprint is not None}
     ends, aims, seen = _candidates(
@@ -297,11 +296,11 @@ def _points(
     return at, of, weight, within
 
 
-def _enclosed(
+def enclosed(
     points: Floats, places: Sequence[BeliefPlace], space: LineOfSight
 ) -> NDArray[np.bool_]:
     """(N,) which points (N, 3), each within its place, see nothing of what is around the place."""
-    enclosed = np.ones(len(points), np.bool_)
+    blind = np.ones(len(points), np.bool_)
     for k, (point, place) in enumerate(zip(points, places, strict=True)):
         assert place.low is not None
         assert place.high is not None
@@ -311,8 +310,8 @@ def _enclosed(
         exits = np.maximum((place.low - start) / DIRECTIONS, (place.high - start) / DIRECTIONS)
         targets = start + (exits.min(axis=1) + BEYOND)[:, None] * DIRECTIONS
         targets = targets[targets[:, 2] >= place.low[2]]  # nothing looks in from below
-        enclosed[k] = space.sees(start, targets).mean() < OPEN
-    return enclosed
+        blind[k] = space.sees(start, targets).mean() < OPEN
+    return blind
 
 
 def _candidates(

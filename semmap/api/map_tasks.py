@@ -100,7 +100,7 @@ class MapTasks(MapDriving):
                 found = found or (task.plan(patience), [])
             plan, reasons = found
             if search.assumed_camera is not None:
-                reasons = [*reasons, search.assumed_camera.capitalize()]
+                reasons = [search.assumed_camera.capitalize(), *reasons]
             searched = {action.names[0] for action in plan.actions if action.name == "search"}
             items = [action.names[0] for action in plan.actions if action.name == "pickup"]
             items = [item for item in dict.fromkeys(items) if item not in searched]

@@ -80,7 +80,8 @@ def test_a_robot_holds_its_camera_as_its_urdf_says_and_opens_nothing_if_it_canno
     assert search.assumed_camera is None
     views = search.problem.viewpoints
     assert not any(view.opens for view in views)
-    assert "Wardrobe_01_001" in search.problem.unseen
+    assert "Wardrobe_01_001" in search.problem.closed
+    assert assumed.problem.closed == ()
     heights = sorted({view.aim.height for view in views})
     assert heights[0] >= 1.06
     assert heights[-1] <= 1.42  # its lift is 0.35 m high

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 from planner.search.line_of_sight import LineOfSight
-from planner.search.problem_builder import _enclosed
+from planner.search.problem_builder import enclosed
 from planner.search.viewpoints import HEADINGS, Aim, Sight, choose_views, views_from
 from semmap.belief.places import BeliefPlace
 from semmap.geometry.mesh import box_mesh
@@ -82,11 +82,11 @@ def test_what_nothing_sees_from_outside_must_be_opened(missing):
     low, high = np.array([-0.5, -0.3, 0]), np.array([0.5, 0.3, 1])
     place = BeliefPlace("cupboard", "object", (), low, high, stores=True)
     points = np.random.default_rng(0).uniform(low + 0.15, high - 0.15, (50, 3))
-    enclosed = _enclosed(points, [place] * len(points), LineOfSight(mesh, 0.02))
+    blind = enclosed(points, [place] * len(points), LineOfSight(mesh, 0.02))
     if set(missing) <= {"bottom"}:
-        assert enclosed.all()
+        assert blind.all()
         return
-    assert not enclosed.any()
+    assert not blind.any()
     scene = trimesh.Trimesh(mesh.reshape(-1, 3), np.arange(len(mesh) * 3).reshape(-1, 3))
     directions = np.random.default_rng(1).normal(size=(400, 3))
     for point in points[:10]:
@@ -105,7 +105,7 @@ def test_a_low_object_on_a_board_of_an_open_shelf_is_seen(height):
     place = BeliefPlace("shelf", "object", (), low, high, stores=True)
     points = np.array([(x, 0.0, z + height / 2) for x in (-0.3, 0.0, 0.3) for z in levels])
     space = LineOfSight(np.concatenate([*inner, back, top]))
-    assert not _enclosed(points, [place] * len(points), space).any()
+    assert not enclosed(points, [place] * len(points), space).any()
 
 
 @given(st.integers(0, 10_000))
