@@ -11,10 +11,18 @@ import shapely
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from planner.robot_class import RobotClass
 from planner.route_search import seconds_between
 from planner.routing_graph import Endpoint, RoutingGraph
 from planner.search.line_of_sight import LineOfSight, line_of_sight
+from planner.search.opened_furniture import (
+    OPENING,
+    aim_at,
+    enclosed,
+    is_opener,
+    pose_before,
+    pose_of,
+    poses_beside,
+)
 from planner.search.search_problem import ELSEWHERE, SearchProblem
 from planner.search.viewpoints import Aim, Sight, choose_views, free_positions, views_from
 from planner.storey_costmaps import StoreyCostmaps
@@ -27,23 +35,6 @@ from semmap.geometry.pose import Pose
 SURFACE_STEP, FLOOR_STEP = 0.12, 0.4  # metres between the points of a surface, and of a floor
 MOST_POINTS = 6000  # points; beyond, they are further apart
 LEFT = 0.02  # share of what looks can show that a search may leave
-OPENING = 8.0  # seconds to open a container
-STANDING = 1.0  # metres from a shut container within which the robot can open it
-BEYOND = 0.2  # metres outside of the box of a container at which it is seen into
-LIFTS = (0.0, 0.05, 0.1, 0.15)  # metres above a point, of which the first free one sees out
-OPEN = 0.02  # share of all directions from which one must see a point within an open container
-
-
-def _directions(count: int) -> Floats:
-    """(N, 3) unit vectors, evenly over the sphere (a Fibonacci lattice)."""
-    z = 1 - (2 * np.arange(count) + 1) / count
-    angle = math.pi * (1 + math.sqrt(5)) * (np.arange(count) + 0.5)
-    radius = np.sqrt(1 - z * z)
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
-
-
-DIRECTIONS = _directions(100)
-"""In which it is tried whether a point within a container sees anything outside."""
 
 
 @dataclass(frozen=True)
@@ -200,10 +191,10 @@ def build_search(
         if mask.any():
             looks.append((ends[number], aims[number], mask, None))
     closed = np.unique(of[inside]).tolist()
-    for number in closed if _opens(graph.robot) else []:
+    for number in closed if is_opener(graph.robot) else []:
         place = by_name[wanted[number]]
-        if (end := _before(place, stands, times, rooms)) is not None:
-            aim = _towards(place, end, sight)
+        if (end := pose_before(place, stands, times, rooms)) is not None:
+            aim = aim_at(place, end, sight)
             looks.append((end, aim, inside & (of == number), place.name))
     if not looks:
         raise ValueError(
@@ -217,7 +208,7 @@ def build_search(
         shares = np.bincount(of[mask], shares_of_points[mask], len(wanted))
         order = np.argsort(-shares, kind="stable")
         shows = tuple((wanted[p], float(shares[p])) for p in order if shares[p] > 0)
-        viewpoints.append(Viewpoint(f"{end.place} {k}", end.place, _pose(end), aim, shows, opens))
+        viewpoints.append(Viewpoint(f"{end.place} {k}", end.place, pose_of(end), aim, shows, opens))
     endpoints = [end for end, *_ in looks]
     heights = np.array([aim.height for _, aim, *_ in looks])
     lifted = abs(heights[:, None] - heights) / sight.lift
@@ -241,7 +232,7 @@ def build_search(
     missed = detector.missed or _missed(problem, spread)
     # from the belief `sure` on, a place costs less than to miss the object
     problem = replace(problem, missed=missed, wrong=missed / (1 - detector.sure))
-    unable = () if _opens(graph.robot) else tuple(wanted[number] for number in closed)
+    unable = () if is_opener(graph.robot) else tuple(wanted[number] for number in closed)
     return MapSearch(problem, spread, tuple(viewpoints), share, graph, sight, space, unable)
 
 
@@ -296,24 +287,6 @@ def _points(
     return at, of, weight, within
 
 
-def enclosed(
-    points: Floats, places: Sequence[BeliefPlace], space: LineOfSight
-) -> NDArray[np.bool_]:
-    """(N,) which points (N, 3), each within its place, see nothing of what is around the place."""
-    blind = np.ones(len(points), np.bool_)
-    for k, (point, place) in enumerate(zip(points, places, strict=True)):
-        assert place.low is not None
-        assert place.high is not None
-        lifts = point + [(0, 0, lift) for lift in LIFTS]  # out of the voxels of what carries it
-        start = lifts[int(space.is_free(lifts).argmax())]
-        # a ray ends where it has left the box of the place
-        exits = np.maximum((place.low - start) / DIRECTIONS, (place.high - start) / DIRECTIONS)
-        targets = start + (exits.min(axis=1) + BEYOND)[:, None] * DIRECTIONS
-        targets = targets[targets[:, 2] >= place.low[2]]  # nothing looks in from below
-        blind[k] = space.sees(start, targets).mean() < OPEN
-    return blind
-
-
 def _candidates(
     rooms: Mapping[str, BeliefPlace],
     points: Floats,
@@ -340,7 +313,7 @@ def _candidates(
             continue
         positions = free_positions(name, place.floor, outline, space, costmaps)
         views, shown = views_from(positions, place.floor, open_points, space, sight)
-        beside = _beside(positions, place.floor, points[inside])
+        beside = poses_beside(positions, place.floor, points[inside])
         views += [(pose, sight.rest) for pose in beside]
         if views:
             seen += shown + [np.empty(0, np.intp)] * len(beside)
@@ -362,67 +335,10 @@ def _endpoints(graph: RoutingGraph, room: str, poses: Sequence[Pose]) -> list[En
     return [ends[pose] for pose in poses]
 
 
-def _pose(end: Endpoint) -> Pose:
-    assert end.pose is not None  # candidates are poses
-    return end.pose
-
-
-def _beside(positions: Floats, floor: float, points: Floats) -> list[Pose]:
-    """Poses near shut containers, whatever they show."""
-    if not len(points) or not len(positions):
-        return []
-    away = np.linalg.norm(positions[:, None] - points[None, :, :2], axis=2).min(axis=1)
-    return [Pose.planar(float(x), float(y), 0.0, floor) for x, y in positions[away <= 2.0]]
-
-
 def _stands(ends: Sequence[Endpoint]) -> tuple[list[Endpoint], NDArray[np.intp]]:
     """The different endpoints, and (C,) the number of each."""
     numbers = {id(end): number for number, end in enumerate({id(e): e for e in ends}.values())}
     return [*{id(e): e for e in ends}.values()], np.array([numbers[id(e)] for e in ends], np.intp)
-
-
-def _before(
-    container: BeliefPlace,
-    stands: Sequence[Endpoint],
-    seconds: Floats,
-    rooms: Mapping[str, BeliefPlace],
-) -> Endpoint | None:
-    """The nearest pose beside a container in its room, turned towards it; None if there is none."""
-    if container.footprint is None or not len(stands):
-        return None
-    assert container.low is not None
-    middle = container.footprint.centroid
-    poses = np.array([_pose(end)[:3] for end in stands])
-    level = abs(poses[:, 2] - container.low[2]) < 2.0
-    beside = shapely.distance(shapely.points(poses[:, :2]), container.footprint) <= STANDING
-    around = {name for name, room in rooms.items() if shapely.covers(room.footprint, middle)}
-    inside = np.array([not around or end.place in around for end in stands], np.bool_)
-    near = beside & level & inside & np.isfinite(seconds)
-    if not near.any():
-        return None
-    end = stands[int(np.where(near, seconds, np.inf).argmin())]
-    here = _pose(end)
-    yaw = math.atan2(middle.y - here.y, middle.x - here.x)
-    return replace(end, pose=Pose.planar(here.x, here.y, yaw, here.z))
-
-
-def _opens(robot: RobotClass) -> bool:
-    """Whether a robot opens doors and drawers of furniture."""
-    able = robot.behaviours
-    return robot.opens and (able is None or "open_container" in able)
-
-
-def _towards(container: BeliefPlace, end: Endpoint, sight: Sight) -> Aim:
-    """How the camera is held to look into a container before the robot."""
-    assert container.footprint is not None
-    assert container.low is not None
-    assert container.high is not None
-    pose = _pose(end)
-    middle = float(container.low[2] + container.high[2]) / 2 - pose.z
-    height = min(sight.heights, key=lambda height: abs(height - middle))
-    away = max(container.footprint.distance(shapely.Point(pose.x, pose.y)), 0.1)
-    down = math.atan2(height - middle, away)
-    return Aim(height, min(sight.pitches, key=lambda pitch: abs(pitch - down)))
 
 
 def _boxes(triangles: Floats) -> tuple[Floats, Floats]:
@@ -440,7 +356,7 @@ def _seen_on_meshes(
     boxes: tuple[Floats, Floats],
 ) -> NDArray[np.bool_]:
     """(N,) which points a look shows, by the depth image of what is near."""
-    pose = sight.pose(_pose(end), aim)
+    pose = sight.pose(pose_of(end), aim)
     eye = np.array(pose[:3])
     near = np.linalg.norm(points - eye, axis=1) <= sight.furthest
     low, high = boxes
@@ -482,7 +398,7 @@ def _from_start(graph: RoutingGraph, start: Endpoint, ends: Sequence[Endpoint]) 
         out = np.array([not len(times) or bool(np.isfinite(times).any()) for times in own])
         seconds[here] = np.where(out, 0.0, np.inf)
     elif here.any():
-        poses = [_pose(end) for end in ends if end.place == start.place]
+        poses = [pose_of(end) for end in ends if end.place == start.place]
         seconds[here] = graph.costs.between(start.place, [start.pose], poses).seconds[0]
     return seconds
 
@@ -494,7 +410,7 @@ def _travel(graph: RoutingGraph, ends: Sequence[Endpoint]) -> Floats:
     for number, end in enumerate(ends):
         by_room.setdefault(end.place, []).append(number)
     for room, numbers in by_room.items():
-        poses = [_pose(ends[k]) for k in numbers]
+        poses = [pose_of(ends[k]) for k in numbers]
         seconds[np.ix_(numbers, numbers)] = graph.costs.between(room, poses, poses).seconds
         others = [k for k in range(len(ends)) if ends[k].place != room]
         seconds[np.ix_(numbers, others)] = seconds_between(

@@ -16,7 +16,8 @@ from planner.mission.store.observations import read_missing, read_robot
 from planner.plan import Action, Plan
 from planner.route_search import find_route
 from planner.routing_graph import Endpoint, RoutingGraph
-from planner.search.problem_builder import OPENING, Detector, MapSearch, build_search
+from planner.search.opened_furniture import OPENING
+from planner.search.problem_builder import Detector, MapSearch, build_search
 from planner.search.reader import (
     Circumstances,
     read_believed_object,

@@ -19,7 +19,8 @@ from planner.mission.sim_setup import body_options
 from planner.mission.sim_world import SimWorld
 from planner.mission.store.mission_list import MissionError
 from planner.mission.store.missions import MissionStore
-from planner.search.problem_builder import STANDING, Detector
+from planner.search.opened_furniture import STANDING
+from planner.search.problem_builder import Detector
 from planner.search.reader import (
     read_believed_object,
     read_entity_shapes,

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 from planner.search.line_of_sight import LineOfSight
-from planner.search.problem_builder import enclosed
+from planner.search.opened_furniture import enclosed
 from planner.search.viewpoints import HEADINGS, Aim, Sight, choose_views, views_from
 from semmap.belief.places import BeliefPlace
 from semmap.geometry.mesh import box_mesh
