@@ -343,6 +343,42 @@ def test_the_seconds_of_a_tour_are_those_until_the_object_is_found(seed):
     assert tour_seconds(problem, belief, tour) == pytest.approx(expected)
 
 
+def test_a_look_that_fails_where_the_robot_stands_is_not_planned_for_ever():
+    search, state = search_at_tables((0.4, 0.4, 0.2))
+    first = decide(search.problem, state.belief, 0).viewpoint
+    assert first == 0
+    state.planned, state.failures = 0, search_mission.TRIES
+    left = search_mission._without_failed(search, state)
+    assert decide(left.problem, state.belief, 0).viewpoint not in (0, None)
+
+
+def test_one_more_look_is_not_better_because_a_tour_is_cut():
+    """30 places are likely, as many as a tour has stops; others nearly show nothing."""
+    likely, unlikely = 30, 15
+    count = likely + unlikely
+    chances = np.array([1.0] * likely + [1e-4] * unlikely)
+    names = tuple(f"p{k}" for k in range(count))
+    problem = SearchProblem(
+        ("mug",),
+        names,
+        tuple(f"v{k}" for k in range(count)),
+        np.arange(count),
+        np.eye(count),
+        np.full((count, count), 5.0) - 5 * np.eye(count),
+        np.full(count, 5.0),
+        3.0,
+        np.array([0.9]),
+        np.array([0.0]),
+        1e7,
+        np.zeros(count),
+        missed=5e6,
+    )
+    decision = decide(problem, (chances / chances.sum())[None])
+    assert decision.viewpoint < likely
+    assert len(decision.tour) == 30
+    assert decision.tour[0] == decision.viewpoint
+
+
 def test_what_a_missed_object_costs_counts_each_viewpoint_once_behind_a_one_way_door():
     """Nothing leads on from the first two viewpoints, and nothing leads to the last one."""
     problem, belief = random_search(0, places=4, viewpoints=4)

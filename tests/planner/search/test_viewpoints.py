@@ -4,13 +4,15 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
+from planner.routing_graph import Endpoint
 from planner.search.line_of_sight import LineOfSight
-from planner.search.opened_furniture import enclosed
+from planner.search.opened_furniture import enclosed, pose_before
 from planner.search.viewpoints import HEADINGS, Aim, Sight, choose_views, views_from
 from semmap.belief.places import BeliefPlace
 from semmap.geometry.mesh import box_mesh
@@ -126,6 +128,26 @@ def test_the_chosen_views_are_those_of_the_greedy_cover(seed):
         expected.append(int(best[seconds[best].argmin()]))
         left[seen[expected[-1]]] = 0
     assert choose_views(csr_array(seen.astype(float)), weights, seconds, 12) == expected
+
+
+def test_a_container_is_opened_from_its_own_room():
+    """The nearest pose by time is behind the wall at which it stands."""
+    outlines = {"hall": shapely.box(0, 0, 3, 3), "store": shapely.box(3.1, 0, 6, 3)}
+    rooms = {name: BeliefPlace(name, "room", footprint=area) for name, area in outlines.items()}
+    low, high = np.array([2.6, 1.0, 0]), np.array([3.0, 2.0, 2.0])
+    wardrobe = BeliefPlace(
+        "wardrobe", "object", (), low, high, shapely.box(2.6, 1, 3, 2), stores=True
+    )
+    none = np.empty(0)
+    stands = [
+        Endpoint(room, Pose.planar(x, 1.5, 0.0), none.astype(int), none, none)
+        for room, x in (("store", 3.4), ("hall", 2.0), ("hall", 0.5))
+    ]
+    end = pose_before(wardrobe, stands, np.array([1.0, 9.0, 2.0]), rooms)
+    assert (end.place, end.pose.x) == ("hall", 2.0)
+    assert end.pose.yaw == pytest.approx(0)
+    assert pose_before(wardrobe, stands[:1], np.ones(1), rooms) is None
+    assert pose_before(wardrobe, stands, np.full(3, np.inf), rooms) is None
 
 
 def test_a_low_camera_sees_what_a_table_hides_from_a_high_one():
