@@ -181,7 +181,7 @@ def build_search(
         rooms, points, inside, space, sight, graph, progress or (lambda *_: None)
     )
     stands, stand_of = _stands(ends)
-    times = _from_start(graph, start, stands)
+    times = seconds_from(graph, start, stands)
     seconds = times[stand_of]
     looks: list[tuple[Endpoint, Aim, NDArray[np.bool_], str | None]] = []
     boxes = _boxes(occluders)
@@ -384,10 +384,10 @@ def _spots(
     return place_of, visible_of, share
 
 
-def _from_start(graph: RoutingGraph, start: Endpoint, ends: Sequence[Endpoint]) -> Floats:
+def seconds_from(graph: RoutingGraph, start: Endpoint, ends: Sequence[Endpoint]) -> Floats:
     """(C,) seconds from the robot to each endpoint; in its own room all at once.
 
-    A robot that is anywhere in a room is not in a part of it that has no way out.
+    A robot that is anywhere in a room is not in a part without a way out, if others have one.
     """
     seconds = np.full(len(ends), np.inf)
     here = np.array([end.place == start.place for end in ends], np.bool_)
@@ -395,8 +395,8 @@ def _from_start(graph: RoutingGraph, start: Endpoint, ends: Sequence[Endpoint]) 
     seconds[~here] = seconds_between(graph, [start], elsewhere)[0]
     if start.pose is None:
         own = [end.seconds for end in ends if end.place == start.place]
-        out = np.array([not len(times) or bool(np.isfinite(times).any()) for times in own])
-        seconds[here] = np.where(out, 0.0, np.inf)
+        out = np.array([np.isfinite(times).any() for times in own], np.bool_)
+        seconds[here] = np.where(out | ~out.any(), 0.0, np.inf)
     elif here.any():
         poses = [pose_of(end) for end in ends if end.place == start.place]
         seconds[here] = graph.costs.between(start.place, [start.pose], poses).seconds[0]

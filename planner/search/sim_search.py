@@ -251,7 +251,7 @@ def find_spots(
         item, target = found["item"].strip(), found["target"].strip()
         with live.snapshot() as seen:
             room = target if target in live.topology.places else read_room(seen, target)
-            middle = read_middle(seen, target)
+            middle = None if room is None else read_middle(seen, target)
         if room is None:
             raise MissionError(f"no room holds {target}: name a place of the map that is in one")
         spot = store.spot(item, target, Pose(0.0, 0.0, live.topology.places[room].floor))

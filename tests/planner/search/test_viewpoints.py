@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 from planner.routing_graph import Endpoint
+from planner.search import problem_builder
 from planner.search.line_of_sight import LineOfSight
 from planner.search.opened_furniture import enclosed, pose_before
 from planner.search.viewpoints import HEADINGS, Aim, Sight, choose_views, views_from
@@ -148,6 +149,24 @@ def test_a_container_is_opened_from_its_own_room():
     assert end.pose.yaw == pytest.approx(0)
     assert pose_before(wardrobe, stands[:1], np.ones(1), rooms) is None
     assert pose_before(wardrobe, stands, np.full(3, np.inf), rooms) is None
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [
+        ([[1.0], [np.inf]], [0, np.inf]),  # a part of the room without a way out
+        ([[np.inf], [np.inf]], [0, 0]),  # no way out at all
+        ([[], []], [0, 0]),  # a room without doors
+        ([], []),
+    ],
+)
+def test_a_robot_anywhere_in_a_room_is_where_there_is_a_way_out(seconds, expected):
+    stands = [
+        Endpoint("hall", Pose.planar(k, 0.0, 0.0), np.arange(len(row)), np.array(row), None)
+        for k, row in enumerate(seconds)
+    ]
+    start = Endpoint("hall", None, np.empty(0, int), np.empty(0), np.empty(0))
+    assert problem_builder.seconds_from(None, start, stands).tolist() == expected
 
 
 def test_a_low_camera_sees_what_a_table_hides_from_a_high_one():
