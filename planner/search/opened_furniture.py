@@ -22,6 +22,7 @@ OPENING = 8.0  # seconds to open a container
 STANDING = 1.0  # metres from a shut container within which the robot can open it
 BEYOND = 0.2  # metres outside of the box of a container at which it is seen into
 LIFTS = (0.0, 0.05, 0.1, 0.15)  # metres above a point, of which the first free one sees out
+BOARD = 0.05  # metres below the top of a place within which a point is in its top board
 OPEN = 0.02  # share of all directions from which one must see a point within an open container
 
 
@@ -58,7 +59,8 @@ def enclosed(
         assert place.low is not None
         assert place.high is not None
         lifts = point + [(0, 0, lift) for lift in LIFTS]  # out of the voxels of what carries it
-        start = lifts[int(space.is_free(lifts).argmax())]
+        below_top = lifts[:, 2] < place.high[2] - BOARD
+        start = lifts[int((space.is_free(lifts) & below_top).argmax())]
         # a ray ends where it has left the box of the place
         exits = np.maximum((place.low - start) / DIRECTIONS, (place.high - start) / DIRECTIONS)
         targets = start + (exits.min(axis=1) + BEYOND)[:, None] * DIRECTIONS

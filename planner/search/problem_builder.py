@@ -153,9 +153,9 @@ def build_search(
     surfaces, and the rooms with their outlines. `occluders` (F, 3, 3), metres in the map's frame,
     hide what is behind them, without the object. The robot must open the places `shut`, those
     without a surface, and those into whose volume nothing sees, before it sees into them, if it
-    opens things. `progress` is called for each place in which
-    viewpoints are sought, with its name, its number, and how many there are. Raises ValueError: a
-    place of the belief is missing, or the robot can see none of them.
+    opens things. `progress` is called for each place in which viewpoints are sought, with its name,
+    its number, and how many there are. Raises ValueError: a place of the belief is missing, or the
+    robot can see none of them.
     """
     sight, detector = sight or Sight(), detector or Detector()
     by_name = {place.name: place for place in places}
@@ -337,8 +337,9 @@ def _endpoints(graph: RoutingGraph, room: str, poses: Sequence[Pose]) -> list[En
 
 def _stands(ends: Sequence[Endpoint]) -> tuple[list[Endpoint], NDArray[np.intp]]:
     """The different endpoints, and (C,) the number of each."""
-    numbers = {id(end): number for number, end in enumerate({id(e): e for e in ends}.values())}
-    return [*{id(e): e for e in ends}.values()], np.array([numbers[id(e)] for e in ends], np.intp)
+    different = {id(end): end for end in ends}
+    numbers = {key: number for number, key in enumerate(different)}
+    return [*different.values()], np.array([numbers[id(end)] for end in ends], np.intp)
 
 
 def _boxes(triangles: Floats) -> tuple[Floats, Floats]:

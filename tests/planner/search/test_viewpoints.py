@@ -111,6 +111,21 @@ def test_a_low_object_on_a_board_of_an_open_shelf_is_seen(height):
     assert not enclosed(points, [place] * len(points), space).any()
 
 
+def test_what_is_in_a_low_shut_box_does_not_look_out_through_its_lid():
+    """The point is in a solid block, from which the first free voxel above is outside."""
+    sides = boards(WALLS) * (1, 1, 0.2)
+    block = np.concatenate(
+        [
+            box_mesh((-0.1, -0.1, z - 0.01), (0.1, 0.1, z)).triangles
+            for z in np.arange(0.02, 0.2, 0.02)
+        ]
+    )
+    low, high = np.array([-0.5, -0.3, 0]), np.array([0.5, 0.3, 0.2])
+    place = BeliefPlace("box", "object", (), low, high, stores=True)
+    space = LineOfSight(np.concatenate([sides, block]))
+    assert enclosed(np.array([(0.0, 0.0, 0.11)]), [place], space).all()
+
+
 @given(st.integers(0, 10_000))
 @settings(max_examples=40)
 def test_the_chosen_views_are_those_of_the_greedy_cover(seed):
