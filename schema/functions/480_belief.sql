@@ -166,11 +166,39 @@ BEGIN
     GROUP BY t.id, s.id;
 END $$;
 
-CREATE FUNCTION prior_of(things bigint[])
+CREATE FUNCTION place_words(places bigint[])
+RETURNS TABLE (place_id bigint, about text, word text, word_id bigint) LANGUAGE sql STABLE ROWS 1000
+SET search_path = semmap, public, pg_temp AS $$
+-- What lifts are about, the general words first: the type of a place's room, the room, the type of the place, and the place.
+SELECT p.id, w.* FROM unnest(places) p (id) JOIN semmap.entity e ON e.id = p.id
+     LEFT JOIN semmap.entity r ON r.id = semmap.holding_room(p.id),
+     LATERAL (VALUES ('room_type', coalesce(r.type, r.kind), NULL::bigint), ('room', NULL, r.id),
+                     ('place_type', coalesce(e.type, e.kind), NULL), ('place', NULL, e.id)) w (about, word, word_id)
+WHERE w.word IS NOT NULL OR w.word_id IS NOT NULL
+$$;
+
+CREATE FUNCTION lifts_of(thing bigint)
+RETURNS SETOF learned_lift LANGUAGE sql STABLE ROWS 100
+BEGIN ATOMIC
+-- What was learned about a thing: of its types and of itself.
+SELECT l.* FROM semmap.entity e JOIN semmap.learned_lift l ON l.map_id = e.map_id
+WHERE e.id = thing AND (l.entity_id = e.id
+                        OR l.type IN (SELECT c.super FROM semmap.type_closure c WHERE c.sub = coalesce(e.type, e.kind)));
+END;
+
+CREATE FUNCTION lift_of_moves(thing bigint)
+RETURNS double precision LANGUAGE sql STABLE
+BEGIN ATOMIC
+-- How many times as often as by its mobility a thing moves, as far as was learned.
+SELECT coalesce(exp(sum(ln(l.lift))), 1) FROM semmap.lifts_of(thing) l WHERE l.about = 'moves';
+END;
+
+CREATE FUNCTION prior_of(things bigint[], learned boolean DEFAULT true)
 RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- Where each thing is before any evidence: by the weights of its places; one where the T-Box or a teaching says that it is found weighs
--- `prior_typical` times as much. Of the placements that the map has had, each counts half of its successor.
+-- `prior_typical` times as much, and all are lifted by what was learned. Where nothing was, of the placements that the map
+-- has had, each counts half of its successor. Without `learned`, neither counts.
 BEGIN
     RETURN QUERY
     WITH RECURSIVE thing AS MATERIALIZED (
@@ -186,9 +214,9 @@ BEGIN
         SELECT t.id, r.object FROM thing t JOIN semmap.taught_relation r ON r.map_id = t.map_id AND r.relation = 'found_in'
          AND (r.subject = t.name OR r.subject IN (SELECT c.super FROM semmap.type_closure c WHERE c.sub = t.type))
     ), stay AS MATERIALIZED (
-        SELECT p.entity_id AS id, p.holder_id, p.since AS begun FROM semmap.placement p WHERE p.entity_id = ANY (things)
+        SELECT p.entity_id AS id, p.holder_id, p.since AS begun FROM semmap.placement p WHERE learned AND p.entity_id = ANY (things)
       UNION ALL
-        SELECT h.entity_id, h.holder_id, lower(h.during) FROM semmap.placement_history h WHERE h.entity_id = ANY (things)
+        SELECT h.entity_id, h.holder_id, lower(h.during) FROM semmap.placement_history h WHERE learned AND h.entity_id = ANY (things)
     ), above (start, id, depth) AS (  -- places and holders, and what holds them
         SELECT s.id, s.id, 0 FROM (SELECT p.at AS id FROM place p UNION SELECT s.holder_id FROM stay s) s WHERE s.id IS NOT NULL
       UNION ALL
@@ -211,10 +239,17 @@ BEGIN
     ), history AS (
         SELECT r.id, r.at, sum(power(0.5, r.age)) / sum(sum(power(0.5, r.age))) OVER (PARTITION BY r.id) AS share
         FROM ranked r WHERE r.age <= 50 GROUP BY r.id, r.at
+    ), lifted AS MATERIALIZED (
+        SELECT t.id, l.about, l.word, l.word_id, l.lift FROM thing t, LATERAL semmap.lifts_of(t.id) l WHERE learned AND l.about <> 'moves'
+    ), lift AS (
+        SELECT l.id, w.place_id AS at, exp(sum(ln(l.lift))) AS lift
+        FROM semmap.place_words(ARRAY(SELECT DISTINCT p.at FROM place p WHERE EXISTS (SELECT FROM lifted))) w
+        JOIN lifted l ON l.about = w.about AND (l.word = w.word OR l.word_id = w.word_id) GROUP BY 1, 2
     ), weighed AS (
-        SELECT p.id, p.at, p.weight * CASE WHEN y.id IS NULL THEN 1 ELSE t.prior_typical END AS weight, t.prior_elsewhere,
-               CASE WHEN k.id IS NULL THEN 0 ELSE t.prior_history END AS known
+        SELECT p.id, p.at, p.weight * coalesce(l.lift, 1) * CASE WHEN y.id IS NULL THEN 1 ELSE t.prior_typical END AS weight, t.prior_elsewhere,
+               CASE WHEN k.id IS NULL OR EXISTS (SELECT FROM lifted n WHERE n.id = t.id) THEN 0 ELSE t.prior_history END AS known
         FROM thing t JOIN place p ON p.id = t.id LEFT JOIN typical y ON y.id = p.id AND y.at = p.at
+        LEFT JOIN lift l ON l.id = p.id AND l.at = p.at
         LEFT JOIN (SELECT DISTINCT h.id FROM history h) k ON k.id = t.id
     )
     SELECT w.id, w.at, (1 - w.prior_elsewhere)
@@ -225,12 +260,13 @@ BEGIN
     FROM thing t LEFT JOIN (SELECT DISTINCT p.id FROM place p) p ON p.id = t.id;
 END $$;
 
-CREATE FUNCTION statements_about(things bigint[], places bigint[], moment timestamptz)
+CREATE FUNCTION statements_about(things bigint[], places bigint[], moment timestamptz, latest boolean DEFAULT true)
 RETURNS TABLE (entity_id bigint, at timestamptz, place_ids bigint[]) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- Where the map has put things until a moment, as far as it still knows: the last time at each of up to 20 places, one
--- after the other. Things and places are pairs. Of a stay in a holder that is no place, such as a storey, the place of the
--- pose, else elsewhere, which is null; without a pose any of the places in it. Of agents, what is below them comes first.
+-- after the other, or each time. Things and places are pairs. Of a stay in a holder that is no place, such as a storey, the
+-- place of the pose, else elsewhere, which is null; without a pose any of the places in it. Of agents, what is below them
+-- comes first.
 BEGIN
     RETURN QUERY
     WITH RECURSIVE pair AS MATERIALIZED (
@@ -266,9 +302,10 @@ BEGIN
     ), ended AS (
         SELECT p.*, lead(p.place_ids) OVER (PARTITION BY p.id ORDER BY p.begun) AS next FROM placed p WHERE p.place_ids IS NOT NULL
     ), ranked AS (
-        SELECT e.*, row_number() OVER (PARTITION BY e.id ORDER BY e.begun DESC) AS age FROM ended e WHERE e.place_ids IS DISTINCT FROM e.next
+        SELECT e.*, row_number() OVER (PARTITION BY e.id ORDER BY e.begun DESC) AS age
+        FROM ended e WHERE NOT latest OR e.place_ids IS DISTINCT FROM e.next
     )
-    SELECT r.id, r.begun, r.place_ids FROM ranked r WHERE r.age <= 20;
+    SELECT r.id, r.begun, r.place_ids FROM ranked r WHERE NOT latest OR r.age <= 20;
 END $$;
 
 CREATE FUNCTION place_of(thing bigint, places bigint[])
@@ -287,6 +324,15 @@ WHERE t.entity_id = thing AND ST_DWithin(w.footprint, foot.point, 0.03)
 ORDER BY e.kind = 'room', w.pose[3] + board.height DESC NULLS LAST, ST_Area(w.footprint) LIMIT 1;
 END;
 
+CREATE FUNCTION learned_rate(of_map integer, observer bigint, distance double precision)
+RETURNS SETOF detector_rate LANGUAGE sql STABLE ROWS 1
+BEGIN ATOMIC
+-- What was learned of an agent's looks from so far, else from anywhere, else of all agents' looks; no row for people's words.
+SELECT d.* FROM semmap.detector_rate d
+WHERE d.map_id = of_map AND observer = coalesce(d.observer_id, observer) AND (d.within IS NULL OR distance < d.within)
+ORDER BY d.observer_id IS NULL, d.within NULLS LAST LIMIT 1;
+END;
+
 CREATE FUNCTION belief_given(things bigint[], places bigint[], priors double precision[], moment timestamptz,
                              moves double precision DEFAULT NULL, looks boolean DEFAULT true)
 RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision, probability double precision)
@@ -295,6 +341,7 @@ SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_pl
 -- Where things were at a moment, by their priors (a thing, a place and a probability each) and all that was stated and
 -- observed until then, one after the other:
 --   in t seconds, a thing of mobility M stays with k = exp(-t M / moves), else it is put anywhere: p' = k p + (1 - k) prior;
+--   M is lifted by what was learned, unless the caller says how often things move;
 --   before a sighting, k is at most 0.99: what is seen may just have been moved;
 --   where the map puts it, it is with the probability `stated`, else where it was before;
 --   an observation multiplies its place by P(seen | there) / P(seen | not there), and so for "not seen". Of a place that is
@@ -315,7 +362,8 @@ BEGIN
             SELECT p.id, p.place, p.prior, row_number() OVER (PARTITION BY p.id ORDER BY p.place)::integer AS n
             FROM unnest(things, places, priors) p (id, place, prior)
         ), thing AS MATERIALIZED (
-            SELECT g.*, e.map_id, greatest(coalesce(semmap.property_of(g.id, 'mobility'), 1), 0) AS mobility
+            SELECT g.*, e.map_id, greatest(coalesce(semmap.property_of(g.id, 'mobility'), 1), 0) AS mobility,
+                   CASE WHEN belief_given.moves IS NULL THEN semmap.lift_of_moves(g.id) ELSE 1 END AS lift
             FROM (SELECT p.id, array_agg(p.place ORDER BY p.n) AS places, array_agg(p.prior ORDER BY p.n) AS priors FROM pair p GROUP BY p.id) g
             JOIN semmap.entity e ON e.id = g.id
         ), spot AS MATERIALIZED (
@@ -325,11 +373,13 @@ BEGIN
             JOIN pair p ON p.id = o.entity_id AND (p.place = o.place_id OR o.inside AND semmap.is_held_by(p.place, o.place_id)) GROUP BY 1, 2, 3
         ), look AS (
             SELECT o.entity_id, o.at, o.id AS number, s.hits, o.seen, o.visible,
-                   coalesce(o.hit, m.there + m.change * f.fresh) AS a, coalesce(o.false_alarm, m.elsewhere - m.change * f.fresh) AS b
+                   coalesce(o.hit, d.hit, m.there + m.change * f.fresh) AS a,
+                   coalesce(o.false_alarm, d.false_alarm, m.elsewhere - m.change * f.fresh) AS b
             FROM thing t JOIN semmap.observation o ON o.entity_id = t.id AND o.at <= moment
-            JOIN spot s ON s.entity_id = o.entity_id AND s.place_id = o.place_id AND s.inside = o.inside,
-            LATERAL semmap.belief_model_of(t.map_id) m,
-            LATERAL (SELECT exp(-least(extract(epoch FROM moment - o.at)::double precision * t.mobility / m.seconds, 700))) f (fresh)
+            JOIN spot s ON s.entity_id = o.entity_id AND s.place_id = o.place_id AND s.inside = o.inside
+            CROSS JOIN LATERAL semmap.belief_model_of(t.map_id) m
+            LEFT JOIN LATERAL semmap.learned_rate(t.map_id, o.observer_id, o.distance) d ON o.hit IS NULL AND o.false_alarm IS NULL
+            CROSS JOIN LATERAL (SELECT exp(-least(extract(epoch FROM moment - o.at)::double precision * t.mobility / m.seconds, 700))) f (fresh)
         ), evidence AS (
             SELECT l.entity_id, l.at, l.number, l.hits, CASE WHEN l.seen THEN l.a / l.b ELSE (1 - l.visible * l.a) / (1 - l.visible * l.b) END AS ratio
             FROM look l
@@ -338,7 +388,7 @@ BEGIN
             FROM semmap.statements_about(things, places, moment) s JOIN pair p ON p.id = s.entity_id
              AND (p.place = ANY (s.place_ids) OR p.place IS NULL AND s.place_ids = ARRAY[NULL::bigint]) GROUP BY 1, 2
         )
-        SELECT t.id, t.places, t.priors, t.mobility / coalesce(belief_given.moves, m.moves) AS rate, m.stated, v.at, v.hits, v.ratio
+        SELECT t.id, t.places, t.priors, t.mobility * t.lift / coalesce(belief_given.moves, m.moves) AS rate, m.stated, v.at, v.hits, v.ratio
         FROM thing t LEFT JOIN evidence v ON v.entity_id = t.id, LATERAL semmap.belief_model_of(t.map_id) m
         ORDER BY t.id, v.at, v.number
     LOOP
@@ -501,6 +551,18 @@ FROM semmap.world w LEFT JOIN semmap.room r ON r.entity_id = w.entity_id,
 WHERE w.entity_id = place AND w.footprint IS NOT NULL;
 END;
 
+CREATE FUNCTION look_distance(observer bigint, moment timestamptz, place bigint, spot double precision[])
+RETURNS double precision LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Metres along the floor from where an agent was at a moment to a position in the frame of a place, else to the middle of
+-- the place; null if one of them is unknown.
+SELECT sqrt((o.pose[1] - s.at[1]) ^ 2 + (o.pose[2] - s.at[2]) ^ 2)
+FROM semmap.world w, LATERAL semmap.pose_at(observer, moment) o (pose),
+     LATERAL (SELECT CASE WHEN spot IS NULL THEN ARRAY[ST_X(c.middle), ST_Y(c.middle)]
+                          ELSE semmap.pose_compose(w.pose, spot || ARRAY[0, 0, 0, 1]::double precision[]) END
+              FROM (SELECT ST_Centroid(w.footprint)) c (middle)) s (at)
+WHERE w.entity_id = place
+$$;
+
 CREATE FUNCTION observation_stamp()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- What is observed is an object or agent, at another entity of its map and within it, not in the future, and by a
@@ -526,6 +588,7 @@ BEGIN
         RAISE EXCEPTION '% at %: its position is % m outside of %', thing.name, place.name, round(away::numeric, 2)::double precision, place.name
             USING ERRCODE = 'check_violation', HINT = 'Positions are x, y, z in the frame of the place, in metres.';
     END IF;
+    NEW.distance := semmap.look_distance(NEW.observer_id, NEW.at, NEW.place_id, NEW.position);
     RETURN NEW;
 END $$;
 

@@ -12,6 +12,7 @@ from semmap.api.map_questions import MapQuestions, aware
 if TYPE_CHECKING:
     from semmap.belief.believed_places import BelievedPlaces
     from semmap.belief.identify import Detection, Identity
+    from semmap.belief.store.learning import LearnedBelief
 
 
 class MapBeliefs(MapQuestions):
@@ -125,6 +126,34 @@ class MapBeliefs(MapQuestions):
         with self.snapshot() as seen:
             rates = {"hit": hit, "false_alarm": false_alarm, "new": new}
             return identify(seen, detections, frame=frame, at=aware(at), motion=motion, **rates)
+
+    def learn_belief(self, hold_out: float = 0.0) -> LearnedBelief:
+        """Learn from the map's history where things are kept, and how often they move.
+
+        With the rates of detectors: of looks of agents that state none. What was learned before is
+        replaced, and beliefs follow. Learn again, each night or so, as the history grows.
+
+        Parameters
+        ----------
+        hold_out : days; what the history before the last ones teaches is judged by their looks
+
+        Raises
+        ------
+        ValueError
+            The map has no history of objects, or none in or before these days; or this login may
+            not learn.
+        """
+        from semmap.belief.store.learning import learn_belief
+
+        with self.transaction(), self.snapshot() as seen:
+            return learn_belief(seen, hold_out)
+
+    def forget_learned(self) -> int:
+        """Delete what `learn_belief` learned; returns how many lifts. Beliefs follow."""
+        from semmap.belief.store.learning import forget_learned
+
+        with self.transaction(), self.snapshot() as seen:
+            return forget_learned(seen.session)
 
     def belief_field(
         self,

@@ -192,6 +192,8 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.export_belief", "belief export", "reader"),
     Operation("Map.teach", "teach", "robot"),
     Operation("Map.ask", "ask", "reader"),
+    Operation("Map.learn_belief", "belief learn", "admin"),
+    Operation("Map.forget_learned", "belief forget", "admin"),
     Operation("Map.list_teachings", "belief taught", "reader"),
     Operation("Map.undo_teaching", "belief undo", "admin"),
     Operation("Map.how_to", "belief how", "reader"),

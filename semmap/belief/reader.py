@@ -230,12 +230,15 @@ stated AS MATERIALIZED (
     SELECT s.entity_id, max(s.at) AS at
     FROM (SELECT array_agg(entity_id) AS ids, array_agg(place_id) AS places FROM place) p,
     LATERAL statements_about(p.ids, p.places, %(at)s) s GROUP BY 1)
-SELECT t.name, e.name AS place, o.seen, o.visible, o.hit, o.false_alarm,
+SELECT t.name, e.name AS place, o.seen, o.visible, coalesce(o.hit, d.hit),
+       coalesce(o.false_alarm, d.false_alarm),
        extract(epoch FROM %(at)s - o.at)::float8 AS age
 FROM observation o JOIN entity t ON t.id = o.entity_id
 JOIN place p ON p.entity_id = o.entity_id
  AND (p.place_id = o.place_id OR o.inside AND is_held_by(p.place_id, o.place_id))
 JOIN entity e ON e.id = p.place_id LEFT JOIN stated s ON s.entity_id = o.entity_id
+LEFT JOIN LATERAL learned_rate(t.map_id, o.observer_id, o.distance) d
+    ON o.hit IS NULL AND o.false_alarm IS NULL
 WHERE o.entity_id = ANY (%(ids)s) AND o.at <= %(at)s AND o.at >= coalesce(s.at, '-infinity')
 ORDER BY o.at, o.id
 """

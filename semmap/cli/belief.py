@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -185,6 +186,50 @@ def _show_kept(kept: Sequence[str]) -> None:
     print("taken back" + (f"; used or changed since, and kept: {', '.join(kept)}" if kept else ""))
 
 
+@command_of("Map.learn_belief", hold_out="DAYS")
+def _learn(
+    call: MethodCall,
+    draw: Path | None = Option(
+        None, help="Draw the calibration of the days held out to this .png, .svg or .pdf."
+    ),
+    limit: int = Option(20, help="The most lifts in a table; JSON has all."),
+    json_: Json = False,
+) -> None:
+    """Learn where things are kept, how often they move, and what looks see, from the history.
+
+    semmap belief learn; semmap belief learn --hold-out 7 --draw calibration.png
+    """
+    if draw is not None and not call.values.get("hold_out"):
+        raise typer.BadParameter("--draw is for --hold-out")
+    found = call()
+    if json_:
+        print_json(found.as_json())
+    else:
+        print(f"{found.things} things, {found.statements} statements, {found.looks} looks")
+        most = sorted(found.lifts, key=lambda row: -abs(math.log(row["lift"])))[:limit]
+        show_table(_rounded(most), False, ("subject", "about", "word", "lift", "seen", "expected"))
+        if found.detectors:
+            names = ("observer", "within", "hit", "false_alarm", "there", "elsewhere")
+            show_table(_rounded(found.detectors), False, names)
+        for name in ("before", "after"):
+            one = getattr(found, name)
+            if one is not None:
+                print(f"{name}: calibration error {one.error:.3f}, log score {one.log_score:.4f}")
+    if draw is not None:
+        from semmap.belief.calibration import draw_calibrations
+
+        curves = {"nothing learned": found.before, "learned": found.after}
+        print(draw_calibrations(curves, draw), file=sys.stderr)
+
+
+def _rounded(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows for a table, their numbers with four digits."""
+    return [
+        {key: float(f"{v:.4g}") if isinstance(v, float) else v for key, v in row.items()}
+        for row in rows
+    ]
+
+
 @command_of("Map.identify", detections=f"{DETECTION}...", moves="SECONDS")
 def _identify(call: MethodCall, json_: Json = False) -> None:
     """Tell which known objects were detected, perhaps moved, and which are new.
@@ -212,6 +257,8 @@ belief_command = group(
     printed("Map.initial_belief", print_json, names="NAME..."),
     _how,
     _identify,
+    _learn,
+    printed("Map.forget_learned", "{0} lifts forgotten"),
     printed("Map.list_teachings", ("id", "name", "facts", "by", "at")),
     printed("Map.undo_teaching", _show_kept),
     printed("Map.grammar", "{0}", format="--format"),

@@ -14,8 +14,9 @@ from semmap.model.entity import Entity
 class Observation(Base):
     """A look at a place: an object was seen there, or looked for and not seen.
 
-    `position` is x, y, z in the frame of the place, `visible` the share of the place in view. With
-    `inside`, the object was anywhere in the place, also on or in what the place holds.
+    `position` is x, y, z in the frame of the place, `visible` the share of the place in view, and
+    `distance` metres from the observer, by its pose then. With `inside`, the object was anywhere in
+    the place, also on or in what the place holds.
     """
 
     __tablename__ = "observation"
@@ -31,6 +32,7 @@ class Observation(Base):
     hit: Mapped[float | None]
     false_alarm: Mapped[float | None]
     observer_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))
+    distance: Mapped[float | None]
 
     entity: Mapped[Entity] = relationship(foreign_keys=entity_id)
     place: Mapped[Entity] = relationship(foreign_keys=place_id)

@@ -1,0 +1,297 @@
+"""Learn from the history of a map in the database, and keep what was learned there.
+
+Priors, moves and rates of detectors in `schema/functions/480_belief.sql` follow from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import psycopg
+from psycopg import errors
+
+from semmap.belief.calibration import Calibration, calibrate
+from semmap.belief.error import BeliefError
+from semmap.belief.learning import NOTHING, Learned, Track, learn, predicted_sightings
+from semmap.query.snapshot import Snapshot
+
+ABOUT = ("room_type", "room", "place_type", "place")
+"""What the words of a place are about, the general ones first."""
+
+WITHIN = (1.0, 2.0, 4.0, 8.0)
+"""Looks from so near have rates of their own, metres."""
+
+DAY = 86_400.0
+
+_THINGS = """
+SELECT e.id, ARRAY(SELECT c.super FROM type_closure c WHERE c.sub = coalesce(e.type, e.kind)
+                   ORDER BY (SELECT count(*) FROM type_closure n WHERE n.sub = c.super), c.super),
+       greatest(coalesce(property_of(e.id, 'mobility'), 1), 0) / m.moves, m.stated
+FROM entity e, belief_model_of(current_map()) m
+WHERE e.map_id = current_map() AND e.kind = 'object'
+  AND coalesce(e.type, '') <> ALL (subtypes('building_element'))
+  AND (EXISTS (SELECT FROM observation o WHERE o.entity_id = e.id)
+       OR EXISTS (SELECT FROM placement_history h WHERE h.entity_id = e.id))
+ORDER BY e.id
+"""
+
+_PRIORS = "SELECT entity_id, place_id, prior FROM prior_of(%s, false) ORDER BY 1, 2 NULLS LAST"
+
+_WORDS = "SELECT place_id, about, word, word_id FROM place_words(%s)"
+
+_STATEMENTS = """
+SELECT s.entity_id, extract(epoch FROM s.at)::float8, s.place_ids
+FROM statements_about(%s, %s, clock_timestamp(), false) s
+"""
+
+_LOOKS = """
+SELECT o.entity_id, extract(epoch FROM o.at)::float8, o.place_id, o.inside, o.seen, o.visible,
+       coalesce(o.hit, m.there + m.change), coalesce(o.false_alarm, m.elsewhere - m.change),
+       CASE WHEN o.hit IS NULL AND o.false_alarm IS NULL THEN o.observer_id END, o.distance
+FROM observation o, belief_model_of(current_map()) m WHERE o.entity_id = ANY (%s)
+ORDER BY o.at, o.id
+"""
+
+_WITHIN_PLACE = """
+SELECT b.outer_id, p.id FROM unnest(%s::bigint[]) b (outer_id), unnest(%s::bigint[]) p (id)
+WHERE p.id = b.outer_id OR is_held_by(p.id, b.outer_id)
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedBelief:
+    """What was learned from the history of a map.
+
+    Attributes
+    ----------
+    things, statements, looks : how many it was learned from
+    lifts : rows of `subject` (a type or thing), `about`, `word`, `lift`, and the counts `seen` and
+        `expected`: so many times as often as expected it was there, or moved
+    detectors : rows of `observer`, `within` (metres), `hit`, `false_alarm`, and how many looks at
+        where things were (`there`) and were not (`elsewhere`) they are from; None stands for all
+    before, after : with days held out, how well it was known before each look of these days
+        whether it would see the thing: without what was learned from the other days, and with it
+    """
+
+    things: int
+    statements: int
+    looks: int
+    lifts: list[dict[str, Any]]
+    detectors: list[dict[str, Any]]
+    before: Calibration | None = None
+    after: Calibration | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it as plain values."""
+        judged = {"before": self.before, "after": self.after}
+        return vars(self) | {name: one and one.as_json() for name, one in judged.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """The tracks of a map's things, and the names of the words and detectors in them."""
+
+    tracks: list[Track]
+    words: list[tuple[str | None, int | None]]
+    detectors: list[tuple[Any, ...]]
+    stated: float
+
+
+def learn_belief(seen: Snapshot, hold_out: float = 0.0) -> LearnedBelief:
+    """Learn from the history of the map, and keep it; beliefs follow in the same transaction.
+
+    With `hold_out` days, what was learned without them is judged by them first. `BeliefError` if
+    the map has no history, nothing in these days or nothing before them, or for a login that may
+    not do this.
+    """
+    history = read_history(seen)
+    tracks, detectors, stated = history.tracks, history.detectors, history.stated
+    if not (math.isfinite(hold_out) and hold_out >= 0):
+        raise BeliefError(f"hold_out is {hold_out:g}: give days, at least 0")
+    if not tracks:
+        raise BeliefError(
+            "the map has no history of things: observe objects, or move them, and learn then"
+        )
+    before = after = None
+    if hold_out:
+        latest = max(float(track.at[-1]) for track in tracks)
+        cut = latest - hold_out * DAY
+        earlier = learn([track.until(cut) for track in tracks], detectors, stated=stated)
+        before, after = (_judge(history, one, cut) for one in (NOTHING, earlier))
+    learned = learn(tracks, detectors, stated=stated)
+    try:
+        _keep(seen.session, history, learned)
+    except errors.InsufficientPrivilege as error:
+        raise BeliefError(f"{error.diag.message_primary}: an admin of the map may learn") from error
+    told = sum(int(track.told.sum()) for track in tracks)
+    return LearnedBelief(
+        len(tracks),
+        told,
+        sum(len(track.at) for track in tracks) - told,
+        _rows(seen.session, _LIFTS),
+        _rows(seen.session, _DETECTORS),
+        before,
+        after,
+    )
+
+
+def forget_learned(session: psycopg.Connection[Any]) -> int:
+    """Delete what was learned from the history of the map; return how many lifts that were."""
+    lifts = session.execute("DELETE FROM learned_lift WHERE map_id = current_map()").rowcount
+    session.execute("DELETE FROM detector_rate WHERE map_id = current_map()")
+    session.execute("SELECT refresh_beliefs()")
+    return lifts
+
+
+def _judge(history: History, learned: Learned, cut: float) -> Calibration:
+    chance, true = [], []
+    for track in history.tracks:
+        looks = (track.at >= cut) & ~track.told
+        found = predicted_sightings(track, learned, history.detectors, history.stated)
+        chance.append(found[looks])
+        true.append(track.seen[looks])
+    if not sum(len(one) for one in chance):
+        raise BeliefError("the days that are held out have no looks: hold out more of them")
+    if not any((track.at < cut).any() for track in history.tracks):
+        raise BeliefError("nothing is known before the days that are held out: hold out fewer")
+    return calibrate(np.concatenate(chance), np.concatenate(true))
+
+
+def read_history(seen: Snapshot) -> History:
+    """Read what the map knows of where its objects were, parts of the building left out."""
+    session = seen.session
+    things = session.execute(_THINGS).fetchall()
+    ids = [row[0] for row in things]
+    places: dict[int, list[int | None]] = defaultdict(list)
+    prior: dict[int, list[float]] = defaultdict(list)
+    for thing, place, share in session.execute(_PRIORS, (ids,)):
+        places[thing].append(place)
+        prior[thing].append(share)
+    numbers, names = _words(session, {p for own in places.values() for p in own if p is not None})
+    pairs = [(thing, place) for thing in ids for place in places[thing]]
+    told = session.execute(_STATEMENTS, [list(column) for column in zip(*pairs, strict=True)])
+    entries: dict[int, list[tuple[Any, ...]]] = defaultdict(list)
+    for thing, at, hits in told if pairs else ():
+        entries[thing].append((at, True, hits, False, 1.0, 0.5, 0.5, -1))
+    detectors: dict[tuple[Any, ...], int] = {}
+    looks = session.execute(_LOOKS, (ids,)).fetchall()
+    held = _held(session, {look[2] for look in looks if look[3]}, numbers)
+    for thing, at, place, inside, saw, visible, hit, false_alarm, observer, distance in looks:
+        detector = -1
+        if observer is not None:
+            band = next((w for w in WITHIN if distance is not None and distance < w), None)
+            detector = detectors.setdefault(
+                (observer,) if band is None else (observer, band), len(detectors)
+            )
+        hits = held[place] if inside else [place]
+        entries[thing].append((at, False, hits, saw, visible, hit, false_alarm, detector))
+    tracks = []
+    for thing, types, rate, _ in things:
+        own = sorted(entries[thing], key=lambda entry: (entry[0], not entry[1]))
+        hits = np.array([[p in entry[2] for p in places[thing]] for entry in own], bool)
+        known = hits.reshape(len(own), len(places[thing])).any(axis=1)
+        if not known.any():
+            continue
+        columns = list(zip(*(e for e, k in zip(own, known, strict=True) if k), strict=True))
+        tracks.append(
+            Track(
+                (*types, thing),
+                np.array(prior[thing]),
+                np.array([numbers[p] for p in places[thing][:-1]]).reshape(-1, len(ABOUT)),
+                rate,
+                np.array(columns[0], np.float64),
+                hits[known],
+                np.array(columns[1], bool),
+                np.array(columns[3], bool),
+                *(np.array(column, np.float64) for column in columns[4:7]),
+                np.array(columns[7], np.intp),
+            )
+        )
+    return History(tracks, names, list(detectors), things[0][3] if things else 0.0)
+
+
+def _words(
+    session: psycopg.Connection[Any], places: set[int]
+) -> tuple[dict[int, list[int]], list[tuple[str | None, int | None]]]:
+    """The numbers of the words about each place by `ABOUT`, -1 for none, and the words."""
+    numbers: dict[tuple[str | None, int | None], int] = {}
+    of = {place: [-1] * len(ABOUT) for place in places}
+    for place, about, word, word_id in session.execute(_WORDS, (sorted(places),)):
+        number = numbers.setdefault((word, word_id), len(numbers))
+        of[place][ABOUT.index(about)] = number
+    return of, list(numbers)
+
+
+def _held(
+    session: psycopg.Connection[Any], outer: set[int], places: Mapping[int, object]
+) -> dict[int, list[int]]:
+    """The places in each of some rooms, storeys or pieces of furniture, itself among them."""
+    found: dict[int, list[int]] = {place: [] for place in outer}
+    for place, inner in session.execute(_WITHIN_PLACE, (sorted(outer), sorted(places))):
+        found[place].append(inner)
+    return found
+
+
+_KEEP_LIFTS = """
+INSERT INTO learned_lift (map_id, type, entity_id, about, word, word_id, lift, seen, expected)
+SELECT current_map(), l.* FROM unnest(%s::text[], %s::bigint[], %s::text[], %s::text[],
+    %s::bigint[], %s::float8[], %s::float8[], %s::float8[]) l
+"""
+
+_KEEP_RATES = """
+INSERT INTO detector_rate (map_id, observer_id, within, hit, false_alarm, there, elsewhere)
+SELECT current_map(), d.* FROM unnest(%s::bigint[], %s::float8[], %s::float8[], %s::float8[],
+    %s::float8[], %s::float8[]) d
+"""
+
+
+def _keep(session: psycopg.Connection[Any], history: History, learned: Learned) -> None:
+    """Replace what the map has learned before."""
+    rows: list[tuple[Any, ...]] = []
+    for subject, lift in learned.moves.items():
+        rows.append((*_subject(subject), "moves", None, None, lift.lift, lift.seen, lift.expected))
+    for (subject, kind, number), lift in learned.places.items():
+        word = history.words[number]
+        counts = lift.lift, lift.seen, lift.expected
+        rows.append((*_subject(subject), ABOUT[kind], *word, *counts))
+    rates = [
+        (*(*names, None, None)[:2], one.hit, one.false_alarm, one.there, one.elsewhere)
+        for names, one in learned.detectors.items()
+    ]
+    session.execute("DELETE FROM learned_lift WHERE map_id = current_map()")
+    session.execute("DELETE FROM detector_rate WHERE map_id = current_map()")
+    for statement, table in ((_KEEP_LIFTS, rows), (_KEEP_RATES, rates)):
+        if table:
+            session.execute(statement, [list(column) for column in zip(*table, strict=True)])
+    session.execute("SELECT refresh_beliefs()")
+
+
+def _subject(subject: object) -> tuple[object, object]:
+    """A type and no thing, or a thing and no type."""
+    return (subject, None) if isinstance(subject, str) else (None, subject)
+
+
+_LIFTS = """
+SELECT coalesce(t.name, l.type) AS subject, l.about, coalesce(w.name, l.word) AS word, l.lift,
+       l.seen, l.expected
+FROM learned_lift l LEFT JOIN entity t ON t.id = l.entity_id LEFT JOIN entity w ON w.id = l.word_id
+WHERE l.map_id = current_map() ORDER BY l.id
+"""
+
+_DETECTORS = """
+SELECT e.name AS observer, d.within, d.hit, d.false_alarm, d.there, d.elsewhere
+FROM detector_rate d LEFT JOIN entity e ON e.id = d.observer_id
+WHERE d.map_id = current_map() ORDER BY d.id
+"""
+
+
+def _rows(session: psycopg.Connection[Any], statement: str) -> list[dict[str, Any]]:
+    from psycopg.rows import dict_row
+
+    with session.cursor(row_factory=dict_row) as cursor:
+        return cursor.execute(statement).fetchall()

@@ -1,0 +1,219 @@
+"""Learning from the history of a map: what the database then believes, and of whose looks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+import semmap
+from semmap import Map
+from semmap.belief.learning import NOTHING, learn, lifted_prior, lifted_rate, smooth
+from semmap.belief.reader import read_columns
+from semmap.belief.store import learning as store
+from tests.conftest import MakeDatabase
+from tests.oracles.evidence import Fact, where_by_paths
+from tests.seen import seen_by
+
+NOW = datetime.now(UTC)
+PLACES = ("table", "counter", "bench", "fridge")
+
+
+def use(flat: Map, seed: int, things: tuple[str, ...] = ("coke", "mug"), looks: int = 60) -> None:
+    """Looks of the robot and of nobody in the last ten days, and some moves that the map knows."""
+    random = np.random.default_rng(seed)
+    ages = np.sort(random.uniform(60, 864_000, looks))[::-1]
+    for thing in things:
+        for age in ages:
+            place = str(random.choice(PLACES, p=[0.6, 0.2, 0.1, 0.1]))
+            flat.observe(
+                thing,
+                place,
+                seen=bool(random.random() < 0.5),
+                at=NOW - timedelta(seconds=float(age)),
+                visible=float(random.uniform(0.3, 1)),
+                observer="robot" if random.random() < 0.7 else None,
+            )
+    for age in (700_000, 300_000):
+        flat.execute(
+            "INSERT INTO placement_history (entity_id, holder_id, pose, relation, during) "
+            "VALUES (entity_id('mug'), entity_id('counter'), '{0,0,0.9,0,0,0,1}', 'on', "
+            "tstzrange(%s, %s))",
+            *(NOW - timedelta(seconds=age), NOW - timedelta(seconds=age - 1000)),
+        )
+
+
+@pytest.fixture(scope="module")
+def used_map(flat_map: Map) -> Iterator[Map]:
+    """The flat after ten days of use."""
+    with flat_map.transaction() as transaction:
+        use(flat_map, 1)
+        yield flat_map
+        import psycopg
+
+        raise psycopg.Rollback(transaction)
+
+
+@pytest.fixture
+def used(used_map: Map) -> Iterator[Map]:
+    """The same for one test: what it changes is undone."""
+    with used_map.transaction() as transaction:
+        yield used_map
+        import psycopg
+
+        raise psycopg.Rollback(transaction)
+
+
+def test_the_database_believes_as_the_learner_does(used: Map) -> None:
+    """Two implementations, in SQL and in NumPy, of what a history means: before each look."""
+    used.learn_belief()
+    history = store.read_history(seen_by(used.connection))
+    learned = learn(history.tracks, history.detectors, stated=history.stated)
+    for track in history.tracks:
+        thing = track.subjects[-1]
+        prior, rate = lifted_prior(track, learned), lifted_rate(track, learned)
+        assert rate != pytest.approx(track.rate)
+        found = smooth(track, prior, rate, track.hit, track.false_alarm, history.stated)
+        for number in (1, 17, 40, len(track.at) - 1):
+            at = datetime.fromtimestamp(track.at[number] - 1e-5, UTC)
+            rows = used.execute("SELECT * FROM belief_at(%s, %s)", [thing], at)
+            by_place = {row[1]: row[3] for row in rows}
+            names = [*sorted(one for one in by_place if one is not None), None]
+            expected = [by_place[one] for one in names]
+            assert found.forecast[number] == pytest.approx(np.array(expected), abs=1e-4)
+
+
+def test_lifts_say_where_things_are_and_how_often_they_move(used: Map) -> None:
+    before = used.where("mug")
+    found = used.learn_belief()
+    assert (found.things, found.looks) == (3, 120)  # the cereal has a history, too
+    rows = {(row["subject"], row["about"], row["word"]): row for row in found.lifts}
+    row = rows["object", "place", "table"]
+    assert row["lift"] == pytest.approx((row["seen"] + 2) / (row["expected"] + 2))
+    assert {about for _, about, _ in rows} == {"moves", *store.ABOUT}
+    prior = {row["place"]: row["prior"] for row in used.where("mug").rows}
+    former = {row["place"]: row["prior"] for row in before.rows}
+    assert prior["table"] > prior["bench"]
+    assert prior != former
+    assert sum(prior.values()) == pytest.approx(1)
+
+
+def test_what_was_learned_can_be_forgotten(used: Map) -> None:
+    at = datetime.now(UTC)
+    former = [(row["place"], row["prior"], row["probability"]) for row in used.where("mug", at)]
+    lifts = used.learn_belief().lifts
+    assert used.forget_learned() == len(lifts)
+    rows = [(row["place"], row["prior"], row["probability"]) for row in used.where("mug", at)]
+    assert rows == former
+    assert used.execute("SELECT count(*) FROM detector_rate") == [(0,)]
+
+
+def test_learning_again_replaces(used: Map) -> None:
+    assert used.learn_belief().lifts == used.learn_belief().lifts
+
+
+def test_new_looks_have_the_rates_of_their_observer_and_distance(used: Map) -> None:
+    used.learn_belief()
+    used.execute("DELETE FROM detector_rate")
+    used.execute(
+        "INSERT INTO detector_rate (map_id, observer_id, within, hit, false_alarm, there, "
+        "elsewhere) SELECT current_map(), entity_id(o), w, h, 0.01, 1, 1 FROM (VALUES "
+        "('robot', 1.0, 0.9), ('robot', 2.0, 0.8), ('robot', NULL, 0.7), (NULL, NULL, 0.6)) "
+        "v (o, w, h)"
+    )
+    used.add_agent("other", type="robot", size=(0.3, 0.3, 1.0), pose=(7.5, 0.5, 0))
+    x, y = used["bench"].pose[:2]
+    for distance, observer, hit in (
+        (0.6, "robot", 0.9),
+        (1.9, "robot", 0.8),
+        (2.6, "robot", 0.7),
+        (0.6, "other", 0.6),
+    ):
+        used.execute(
+            "SELECT set_config('semmap.deriving', 'on', true), "
+            "put(entity_id(%s), NULL, ARRAY[%s, %s, 0, 0, 0, 0, 1])",
+            *(observer, x + distance, y),
+        )
+        used.observe("coke", "bench", observer=observer)
+        assert read_columns(seen_by(used.connection), ["coke"]).observations.hit[-1] == hit
+    rows = used.execute("SELECT distance FROM observation ORDER BY id DESC LIMIT 4")
+    assert [row[0] for row in rows] == pytest.approx([0.6, 2.6, 1.9, 0.6])
+    used.observe("coke", "bench", observer="robot", hit=0.5, false_alarm=0.2)
+    assert read_columns(seen_by(used.connection), ["coke"]).observations.hit[-1] == 0.5
+    used.observe("coke", "bench")
+    assert np.isnan(read_columns(seen_by(used.connection), ["coke"]).observations.hit[-1])
+
+
+def test_looks_of_robots_are_believed_by_their_learned_rates(used: Map) -> None:
+    """By the sum over all paths, with the rates in the place of the map's."""
+    used.execute("DELETE FROM observation")
+    used.execute("DELETE FROM placement_history WHERE entity_id = entity_id('coke')")
+    at = datetime.now(UTC) - timedelta(seconds=100)
+    for seen, place in ((True, "bench"), (False, "table")):
+        used.observe("coke", place, observer="robot", seen=seen, at=at)
+    used.execute(
+        "INSERT INTO detector_rate (map_id, hit, false_alarm, there, elsewhere) "
+        "VALUES (current_map(), 0.6, 0.1, 1, 1)"
+    )
+    now = at + timedelta(seconds=50)
+    rows = used.where("coke", now).rows
+    prior = {row["place"]: row["prior"] for row in rows}
+    facts = [Fact(0.0, ("bench",), 0.6, 0.1), Fact(0.0, ("table",), 0.4, 0.9)]
+    expected = where_by_paths(prior, facts, 50.0, 86_400.0, 0.95)
+    assert {row["place"]: row["probability"] for row in rows} == pytest.approx(expected, abs=1e-9)
+
+
+def test_days_held_out_judge_the_others(used: Map) -> None:
+    found = used.learn_belief(hold_out=3)
+    assert found.before is not None
+    assert found.after is not None
+    later = used.execute(
+        "SELECT count(*) FROM observation o, (SELECT max(at) AS last FROM observation) m "
+        "WHERE o.at >= m.last - interval '3 days'"
+    )
+    assert [(int(found.after.count.sum()),)] == later
+    plain = found.as_json()
+    assert plain["after"]["error"] == found.after.error
+    assert found.lifts == used.learn_belief().lifts  # all days are kept
+
+
+@pytest.mark.parametrize(("days", "text"), [(30, "hold out fewer"), (1e-9, "hold out more")])
+def test_days_without_looks_are_refused(flat: Map, days: float, text: str) -> None:
+    use(flat, 2, ("coke",), 5)
+    flat["mug"].put_on("table")
+    flat["mug"].put_on("bench")
+    with pytest.raises(ValueError, match=text):
+        flat.learn_belief(hold_out=days)
+    assert flat.execute("SELECT count(*) FROM learned_lift") == [(0,)]
+
+
+@pytest.mark.parametrize("days", [-1.0, float("nan")])
+def test_a_time_that_is_none_is_refused(flat: Map, days: float) -> None:
+    with pytest.raises(ValueError, match="hold_out"):
+        flat.learn_belief(hold_out=days)
+
+
+def test_a_map_without_history_teaches_nothing(make_database: MakeDatabase) -> None:
+    url = make_database().render_as_string(hide_password=False)
+    with semmap.connect(url) as db:
+        empty = db.create_map("empty")
+        with pytest.raises(ValueError, match="no history"):
+            empty.learn_belief()
+        assert empty.forget_learned() == 0
+
+
+def test_a_thing_of_a_new_type_has_what_its_supertypes_learned(used: Map) -> None:
+    used.learn_belief()
+    used.add_object("cup", type="cup", size=(0.08, 0.08, 0.1))
+    learned = {row["place"]: row["prior"] for row in used.where("cup").rows}
+    used.forget_learned()
+    plain = {row["place"]: row["prior"] for row in used.where("cup").rows}
+    assert learned["table"] / learned["piano"] > plain["table"] / plain["piano"]
+
+
+def test_nothing_learned_is_the_prior_without_history(flat: Map) -> None:
+    history = store.read_history(seen_by(flat.connection))
+    for track in history.tracks:
+        assert lifted_prior(track, NOTHING) == pytest.approx(track.prior)

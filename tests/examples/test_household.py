@@ -1,0 +1,126 @@
+"""A household of weeks, and what is learned from it, judged by moves that the map was not told."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import semmap
+from semmap import Map
+from semmap.belief.calibration import Calibration, calibrate
+from tests.conftest import MakeDatabase
+
+SCRIPT = Path(__file__).parents[2] / "examples/household.py"
+SINCE = datetime.now(UTC).replace(hour=0, minute=0, second=0, microsecond=0) - timedelta(days=21)
+HELD_OUT = 6  # days
+
+
+@pytest.fixture(scope="module")
+def household() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("household", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def build(db: semmap.Database, seed: int) -> Map:
+    """A building of three rooms with furniture at random."""
+    random = np.random.default_rng(seed)
+    home = db.create_map(f"home{seed}")
+    for number, kind in enumerate(("kitchen", "living_room", "bedroom")):
+        x = 5.1 * number
+        outline = [(x, 0), (x + 5, 0), (x + 5, 4), (x, 4)]
+        home.add_room(f"r{number}", outline, floor=0, ceiling=2.6, type=kind)
+        for place, type_ in enumerate(random.permutation(["table", "desk", "cabinet", "shelf"])):
+            size = *random.uniform(0.5, 0.9, 2), random.uniform(0.4, 0.9)
+            pose = (x + 1.2 + 2.4 * (place % 2), 1 + 2 * (place // 2), 0)
+            home.add_object(f"f{number}{place}", type=str(type_), size=size, pose=pose)
+    return home
+
+
+@pytest.fixture(scope="module")
+def home(make_database: MakeDatabase) -> Iterator[Map]:
+    with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
+        yield build(db, 3)
+
+
+def test_later_beliefs_are_calibrated_by_the_truth(home: Map, household: ModuleType) -> None:
+    """At random times of days that nothing was learned from, by looks until then."""
+    random = np.random.default_rng(5)
+    things = household.add_things(home)
+    home.add_agent("rover", type="robot", size=(0.4, 0.4, 1), pose=(0.5, 0.5, 0))
+    weights = household.weights_of(home, list(things))
+    moves = household.live(random, things, weights, SINCE, 21)
+    places = sorted({place for own in weights.values() for place in own})
+    looks = household.patrol(random, moves, places, SINCE, 21)
+    cut = SINCE + timedelta(days=21 - HELD_OUT)
+    household.store(home, [look for look in looks if look.at < cut], weights, "rover")
+    home.learn_belief()
+    household.store(home, [look for look in looks if look.at >= cut], weights, "rover")
+
+    hours = np.sort(random.uniform(8, 22, 4 * HELD_OUT))
+    moments = [cut + timedelta(days=n // 4, hours=float(h)) for n, h in enumerate(hours)]
+    after = judged(home, things, moves, moments)
+    home.forget_learned()
+    before = judged(home, things, moves, moments)
+    assert after.error < 0.05
+    assert after.log_score < 0.85 * before.log_score
+    assert after.brier_score < before.brier_score
+
+
+def judged(
+    home: Map, things: Mapping[str, str], moves: Sequence[Any], moments: Sequence[datetime]
+) -> Calibration:
+    """The calibration of all beliefs at some moments, by where the things were."""
+    names = sorted(things)
+    ids = [home.execute("SELECT entity_id(%s)", name)[0][0] for name in names]
+    chance, true = [], []
+    for moment in moments:
+        where = {}
+        for name in names:
+            own = [move for move in moves if move.thing == name]
+            where[name] = own[bisect_right([move.at for move in own], moment) - 1].place
+        for name, place, share in home.execute(
+            "SELECT t.name, p.name, b.probability FROM belief_at(%s, %s) b "
+            "JOIN entity t ON t.id = b.entity_id LEFT JOIN entity p ON p.id = b.place_id",
+            *(ids, moment),
+        ):
+            chance.append(share)
+            true.append(where[name] == place)
+    return calibrate(chance, true)
+
+
+def test_the_script_gives_a_map_its_weeks(
+    database: str,
+    household: ModuleType,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    truth = tmp_path / "moves.jsonl"
+    with semmap.connect(database) as db:
+        build(db, 4)
+    monkeypatch.setenv("SEMMAP_DB", database)
+    monkeypatch.setattr(sys, "argv", ["household.py", "home4", "--weeks=1", f"--truth={truth}"])
+    household.main()
+    rows = [json.loads(line) for line in truth.read_text().splitlines()]
+    counts = [int(part.split()[0]) for part in capsys.readouterr().out.split(", ")]
+    assert counts[:2] == [len(household.THINGS), len(rows)]
+    with semmap.connect(database) as db:
+        home = db.map("home4")
+        assert {row["thing"] for row in rows} <= {thing.name for thing in home.objects}
+        seen = home.execute("SELECT count(DISTINCT at) FROM observation WHERE distance IS NOT NULL")
+        assert seen == [(counts[2],)]
+        assert all(row["at"] < datetime.now(UTC).isoformat() for row in rows)
