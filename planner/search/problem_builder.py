@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -158,65 +159,40 @@ def build_search(
     robot can see none of them.
     """
     sight, detector = sight or Sight(), detector or Detector()
-    by_name = {place.name: place for place in places}
-    unknown = [p for p in belief if p != ELSEWHERE and p not in by_name]
-    if unknown:
-        raise ValueError(
-            f"{unknown[0]}: {name} is believed there, but it is not a place of the map"
-        )
-    wanted = sorted(
-        (p for p in belief if p != ELSEWHERE and belief[p] > 0), key=lambda p: -belief[p]
-    )
-    shut = shut | {p for p in wanted if by_name[p].kind != "room" and not by_name[p].surfaces}
-    points, of, shares_of_points, within = _points([by_name[p] for p in wanted], height)
-    weights = shares_of_points * np.array([belief[p] for p in wanted])[of]
+    progress = progress or (lambda *_: None)
     space = line_of_sight(occluders)
-    inside = within & np.array([wanted[k] in shut for k in of], np.bool_)
-    unsure = np.flatnonzero(within & ~inside)
-    around = [by_name[wanted[k]] for k in of[unsure]]
-    inside[unsure] = enclosed(points[unsure], around, space)
-
+    hidden = _where_it_may_be(name, belief, places, space, shut, height)
     rooms = {p.name: p for p in places if p.kind == "room" and p.footprint is not None}
-    ends, aims, seen = _candidates(
-        rooms, points, inside, space, sight, graph, progress or (lambda *_: None)
-    )
+    ends, aims, seen = _candidates(rooms, hidden, space, sight, graph, progress)
     stands, stand_of = _stands(ends)
     times = seconds_from(graph, start, stands)
-    seconds = times[stand_of]
-    looks: list[tuple[Endpoint, Aim, NDArray[np.bool_], str | None]] = []
     boxes = _boxes(occluders)
-    for number in choose_views(seen, weights, seconds, most_viewpoints):
-        mask = _seen_on_meshes(sight, ends[number], aims[number], points, occluders, boxes)
-        mask &= ~inside
+    looks: list[_Look] = []
+    for number in choose_views(seen, hidden.chance, times[stand_of], most_viewpoints):
+        end, aim = ends[number], aims[number]
+        mask = _seen_on_meshes(sight, end, aim, hidden.at, occluders, boxes) & ~hidden.inside
         if mask.any():
-            looks.append((ends[number], aims[number], mask, None))
-    closed = np.unique(of[inside]).tolist()
-    for number in closed if is_opener(graph.robot) else []:
-        place = by_name[wanted[number]]
-        if (end := pose_before(place, stands, times, rooms)) is not None:
-            aim = aim_at(place, end, sight)
-            looks.append((end, aim, inside & (of == number), place.name))
+            looks.append(_Look(end, aim, mask))
+    opens = is_opener(graph.robot)
+    if opens:
+        looks += _looks_into(hidden, stands, times, rooms, sight)
+    names = [place.name for place in hidden.places]
     if not looks:
         raise ValueError(
             f"no free pose that the robot reaches shows a place where {name} may be: "
-            f"{', '.join(wanted[:5])}"
+            f"{', '.join(names[:5])}"
         )
-    visible = np.array([mask for *_, mask, _ in looks])
-    place_of, spots, share = _spots(of, visible, shares_of_points)
-    viewpoints = []
-    for k, (end, aim, mask, opens) in enumerate(looks, 1):
-        shares = np.bincount(of[mask], shares_of_points[mask], len(wanted))
-        order = np.argsort(-shares, kind="stable")
-        shows = tuple((wanted[p], float(shares[p])) for p in order if shares[p] > 0)
-        viewpoints.append(Viewpoint(f"{end.place} {k}", end.place, pose_of(end), aim, shows, opens))
-    endpoints = [end for end, *_ in looks]
-    heights = np.array([aim.height for _, aim, *_ in looks])
+    visible = np.array([look.mask for look in looks])
+    place_of, spots, share = _spots(hidden.of, visible, hidden.share)
+    viewpoints = _viewpoints(looks, hidden)
+    endpoints = [look.end for look in looks]
+    heights = np.array([look.aim.height for look in looks])
     lifted = abs(heights[:, None] - heights) / sight.lift
     problem = SearchProblem(
         (name,),
-        (*wanted, ELSEWHERE),
+        (*names, ELSEWHERE),
         tuple(v.name for v in viewpoints),
-        np.append(place_of, len(wanted)),
+        np.append(place_of, len(names)),
         np.pad(spots, ((0, 0), (0, 1))),
         np.maximum(_travel(graph, endpoints), lifted),
         seconds_between(graph, [start], endpoints)[0],
@@ -224,16 +200,94 @@ def build_search(
         np.array([detector.hit]),
         np.array([detector.false_alarm]),
         1.0,
-        np.array([0.0 if opens is None else OPENING for *_, opens in looks]),
+        np.array([0.0 if look.opens is None else OPENING for look in looks]),
     )
     share = np.append(share, 1.0)
-    full = {p: belief[p] for p in wanted} | {ELSEWHERE: belief.get(ELSEWHERE, 0.0)}
+    full = {p: belief[p] for p in names} | {ELSEWHERE: belief.get(ELSEWHERE, 0.0)}
     spread = problem.spread([full], share)
     missed = detector.missed or _missed(problem, spread)
     # from the belief `sure` on, a place costs less than to miss the object
     problem = replace(problem, missed=missed, wrong=missed / (1 - detector.sure))
-    unable = () if is_opener(graph.robot) else tuple(wanted[number] for number in closed)
-    return MapSearch(problem, spread, tuple(viewpoints), share, graph, sight, space, unable)
+    unable = () if opens else tuple(names[number] for number in hidden.closed)
+    return MapSearch(problem, spread, viewpoints, share, graph, sight, space, unable)
+
+
+class _Hidden(NamedTuple):
+    """Where the object may be: N points at places, the most probable place first."""
+
+    places: list[BeliefPlace]
+    at: Floats  # (N, 3) metres in the map's frame
+    of: NDArray[np.intp]  # (N,) the number of the place
+    share: Floats  # (N,) P(point | place)
+    chance: Floats  # (N,) P(point)
+    inside: NDArray[np.bool_]  # (N,) seen only where its place is open
+
+    @property
+    def closed(self) -> list[int]:
+        """The numbers of the places that must be opened."""
+        found: list[int] = np.unique(self.of[self.inside]).tolist()
+        return found
+
+
+class _Look(NamedTuple):
+    """A look that is a viewpoint: `mask` (N,) are the points that it shows."""
+
+    end: Endpoint
+    aim: Aim
+    mask: NDArray[np.bool_]
+    opens: str | None = None  # the place to open before it
+
+
+def _where_it_may_be(
+    name: str,
+    belief: Mapping[str, float],
+    places: Sequence[BeliefPlace],
+    space: LineOfSight,
+    shut: frozenset[str],
+    height: float,
+) -> _Hidden:
+    """Points at the places of a belief; ValueError if one is not among `places`."""
+    by_name = {place.name: place for place in places}
+    unknown = [p for p in belief if p != ELSEWHERE and p not in by_name]
+    if unknown:
+        raise ValueError(
+            f"{unknown[0]}: {name} is believed there, but it is not a place of the map"
+        )
+    likely = (p for p in belief if p != ELSEWHERE and belief[p] > 0)
+    wanted = [by_name[p] for p in sorted(likely, key=lambda p: -belief[p])]
+    at, of, share, within = _points(wanted, height)
+    must_open = [p.name in shut or (p.kind != "room" and not p.surfaces) for p in wanted]
+    inside = within & np.array(must_open, np.bool_)[of]
+    unsure = np.flatnonzero(within & ~inside)
+    inside[unsure] = enclosed(at[unsure], [wanted[k] for k in of[unsure]], space)
+    chance = share * np.array([belief[p.name] for p in wanted])[of]
+    return _Hidden(wanted, at, of, share, chance, inside)
+
+
+def _looks_into(
+    hidden: _Hidden,
+    stands: Sequence[Endpoint],
+    times: Floats,
+    rooms: Mapping[str, BeliefPlace],
+    sight: Sight,
+) -> Iterator[_Look]:
+    """A look into each place that must be opened, from before it."""
+    for number in hidden.closed:
+        place = hidden.places[number]
+        if (end := pose_before(place, stands, times, rooms)) is not None:
+            mask = hidden.inside & (hidden.of == number)
+            yield _Look(end, aim_at(place, end, sight), mask, place.name)
+
+
+def _viewpoints(looks: Sequence[_Look], hidden: _Hidden) -> tuple[Viewpoint, ...]:
+    """The looks with what each shows."""
+    found = []
+    for k, (end, aim, mask, opens) in enumerate(looks, 1):
+        shares = np.bincount(hidden.of[mask], hidden.share[mask], len(hidden.places))
+        order = np.argsort(-shares, kind="stable")
+        shows = tuple((hidden.places[p].name, float(shares[p])) for p in order if shares[p] > 0)
+        found.append(Viewpoint(f"{end.place} {k}", end.place, pose_of(end), aim, shows, opens))
+    return tuple(found)
 
 
 def _missed(problem: SearchProblem, belief: Floats) -> float:
@@ -289,8 +343,7 @@ def _points(
 
 def _candidates(
     rooms: Mapping[str, BeliefPlace],
-    points: Floats,
-    inside: NDArray[np.bool_],
+    hidden: _Hidden,
     space: LineOfSight,
     sight: Sight,
     graph: RoutingGraph,
@@ -301,7 +354,8 @@ def _candidates(
     seen: list[NDArray[np.intp]] = []
     ends: list[Endpoint] = []
     aims: list[Aim] = []
-    open_points = np.where(inside[:, None], np.inf, points)
+    points = hidden.at
+    open_points = np.where(hidden.inside[:, None], np.inf, points)
     places = graph.topology.places
     for number, (name, place) in enumerate(places.items(), 1):
         progress(name, number, len(places))
@@ -313,7 +367,7 @@ def _candidates(
             continue
         positions = free_positions(name, place.floor, outline, space, costmaps)
         views, shown = views_from(positions, place.floor, open_points, space, sight)
-        beside = poses_beside(positions, place.floor, points[inside])
+        beside = poses_beside(positions, place.floor, points[hidden.inside])
         views += [(pose, sight.rest) for pose in beside]
         if views:
             seen += shown + [np.empty(0, np.intp)] * len(beside)

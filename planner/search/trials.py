@@ -50,8 +50,10 @@ def compare(
     shares of searches that have `found` the object, are `wrong` (found where it is not), or have
     `missed` it (not found, but a viewpoint shows it). The others did not find what no viewpoint
     shows, which is `right`, as to find it is. `slower` is by how many seconds a strategy is slower
-    than the robot that remembers. Intervals are those of 95 %, by the bootstrap of (paired) means.
-    Fewer than 2 trials, or than 2 places, are a ValueError.
+    than the robot that remembers, and `slower_if_right` the same for searches in which both are
+    right, as errors end searches soon; None if these are in fewer than 2 trials. Intervals are
+    those of 95 %, by the bootstrap of (paired) means. Fewer than 2 trials, or than 2 places, are a
+    ValueError.
     """
     problem = search.problem
     shown = problem.visible[np.isfinite(problem.start)].max(axis=0, initial=0.0) > 0
@@ -86,13 +88,14 @@ def compare(
     return {
         "trials": trials,
         "places": len(places),
-        "cases": {case: _summary(each) for case, each in {**cases, "all": values}.items()},
+        "cases": {case: summary(each) for case, each in {**cases, "all": values}.items()},
     }
 
 
-def _summary(values: dict[str, Floats]) -> dict[str, dict[str, Any]]:
+def summary(values: dict[str, Floats]) -> dict[str, dict[str, Any]]:
     """The measures of each strategy, from seconds, found, wrong and missed (trials, cases, 4)."""
     seconds = {name: value[:, :, 0].mean(axis=1) for name, value in values.items()}
+    right = {name: ~value[:, :, 2:].any(axis=2) for name, value in values.items()}
     rows: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         found, wrong, missed = value[:, :, 1:].mean(axis=(0, 1)).tolist()
@@ -100,6 +103,11 @@ def _summary(values: dict[str, Floats]) -> dict[str, dict[str, Any]]:
         rows[name] |= {"found": found, "wrong": wrong, "missed": missed}
         if name != "remembers":
             rows[name]["slower"] = _interval(seconds[name] - seconds["remembers"])
+            both = right[name] & right["remembers"]
+            slower = (value - values["remembers"])[:, :, 0]
+            pairs = both.any(axis=1)
+            means = (slower * both).sum(axis=1)[pairs] / both.sum(axis=1)[pairs]
+            rows[name]["slower_if_right"] = _interval(means) if len(means) > 1 else None
     return rows
 
 

@@ -11,8 +11,10 @@ What is learned are lifts: how many times as often as expected something happene
 
 with what the lifts before it lead to as the expected. Subjects are types, the general ones first,
 and then the thing itself, so that a rare type has what its supertypes have; words about places
-are the type of the room, the room, the type of the place, and the place. Few counts change
-little, many fit. What was taught is in the prior that the lifts start from.
+are the type of the room, the room, the type of the place, and the place. The strength is that by
+which the counts of a subject are most probable (DuMouchel, "Bayesian data mining in large
+frequency tables", 1999, with one gamma distribution): counts that differ from the expected as by
+chance change little. What was taught is in the prior that the lifts start from.
 """
 
 from __future__ import annotations
@@ -23,6 +25,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln
+
+STRENGTHS = 2.0 ** np.arange(11)
+"""How many counts the expected may be worth."""
 
 UNMOVED = 0.99
 """The most that a thing stays before it is seen: what is seen may just have been moved."""
@@ -77,6 +83,15 @@ class Lift:
     expected: float
 
 
+@dataclass(frozen=True, eq=False)
+class WordLifts:
+    """The same for each word about places: (words,) each; 1 where nothing was expected."""
+
+    lift: Floats
+    seen: Floats
+    expected: Floats
+
+
 @dataclass(frozen=True)
 class DetectorRates:
     """P(seen | there) and P(seen | not there), from so many looks at where things were, and not."""
@@ -89,12 +104,12 @@ class DetectorRates:
 
 @dataclass(frozen=True)
 class Learned:
-    """Lifts of places by subject, kind of word and word; of moves by subject; rates by detector.
+    """Lifts of places by subject and kind of word; of moves by subject; rates by detector.
 
     A detector is a tuple of names, the general one first; () are all.
     """
 
-    places: Mapping[tuple[Hashable, int, int], Lift]
+    places: Mapping[tuple[Hashable, int], WordLifts]
     moves: Mapping[Hashable, Lift]
     detectors: Mapping[tuple[Hashable, ...], DetectorRates]
 
@@ -182,8 +197,10 @@ def lifted_prior(track: Track, learned: Learned) -> Floats:
     weight = track.prior[:-1].copy()
     for subject in track.subjects:
         for kind, words in enumerate(track.words.T):
-            found = [learned.places.get((subject, kind, word)) for word in words.tolist()]
-            weight *= [1.0 if one is None else one.lift for one in found]
+            found = learned.places.get((subject, kind))
+            if found is not None:
+                known = (words >= 0) & (words < len(found.lift))
+                weight[known] *= found.lift[words[known]]
     total = weight.sum()
     share = weight * ((1 - track.prior[-1]) / total) if total > 0 else weight
     return np.append(share, track.prior[-1])
@@ -226,7 +243,7 @@ def learn(
     tracks : of all things
     detectors : names of each detector, the general one first: (robot, distance)
     stated : the probability of what the map states
-    strength : how many counts the expected is worth
+    strength : how many counts the expected is worth, of moves and of detectors
     most : counts of one thing that its types learn from
     rounds : of expectation and maximisation
 
@@ -249,7 +266,7 @@ def learn(
             found.append((smooth(track, prior, rate, *rates, stated), *rates))
         passes = [one for one, _, _ in found]
         learned = Learned(
-            _lifts_of_places(used, [one.ends[:-1] for one in passes], strength, most),
+            _lifts_of_places(used, [one.ends[:-1] for one in passes], most),
             _lifts_of_moves(used, passes, strength, most),
             _rates_of_detectors(used, found, detectors, strength),
         )
@@ -282,13 +299,26 @@ def _weights(counts: Sequence[float], rows: Sequence[int], most: float, single: 
     return np.ones(len(rows)) if single else np.minimum(1.0, most / np.maximum(total, most))
 
 
+def likely_strength(seen: Floats, expected: Floats) -> float:
+    """Of `STRENGTHS` the one by which counts are most probable.
+
+    They are Poisson with the mean lift x expected; lifts have a gamma distribution of mean 1, with
+    the strength as its shape.
+    """
+    known = expected > 0
+    n, due, shape = seen[known], expected[known], STRENGTHS[:, None]
+    chance = gammaln(n + shape) - gammaln(shape) + shape * np.log(shape)
+    chance -= (n + shape) * np.log(due + shape)
+    return float(STRENGTHS[chance.sum(axis=1).argmax()])
+
+
 def _lifts_of_places(
-    tracks: Sequence[Track], ends: Sequence[Floats], strength: float, most: float
-) -> dict[tuple[Hashable, int, int], Lift]:
+    tracks: Sequence[Track], ends: Sequence[Floats], most: float
+) -> dict[tuple[Hashable, int], WordLifts]:
     """Fit the lifts one after the other: each to what those before it lead to."""
     totals = [float(count.sum()) for count in ends]
     share = [track.prior[:-1] / max(track.prior[:-1].sum(), 1e-300) for track in tracks]
-    found: dict[tuple[Hashable, int, int], Lift] = {}
+    found: dict[tuple[Hashable, int], WordLifts] = {}
     size = 1 + max((int(track.words.max(initial=-1)) for track in tracks), default=-1)
     for subject, rows in _subjects(tracks):
         weights = _weights(totals, rows, most, subject == tracks[rows[0]].subjects[-1])
@@ -300,10 +330,9 @@ def _lifts_of_places(
                 seen += weight * np.bincount(words[known], ends[row][known], size)
                 due = totals[row] * share[row][known]
                 expected += weight * np.bincount(words[known], due, size)
+            strength = likely_strength(seen, expected)
             lift = (seen + strength) / (expected + strength)
-            for word in np.flatnonzero(expected > 0).tolist():
-                values = float(lift[word]), float(seen[word]), float(expected[word])
-                found[subject, kind, word] = Lift(*values)
+            found[subject, kind] = WordLifts(lift, seen, expected)
             for row in rows:
                 words = tracks[row].words[:, kind]
                 share[row] = share[row] * np.where(words >= 0, lift[words], 1.0)

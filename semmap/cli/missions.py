@@ -192,13 +192,13 @@ def _show_trials(found: dict[str, Any]) -> None:
             name,
             _seconds(row["seconds"]),
             *(f"{row[key]:.0%}" for key in ("right", "found", "wrong", "missed")),
-            _seconds(row["slower"]) if "slower" in row else "",
+            *(_seconds(row.get(key)) for key in ("slower", "slower_if_right")),
         )
         for case, rows in found["cases"].items()
         for name, row in rows.items()
     ]
     shares = ("right", "found", "wrong", "missed")
-    columns = ("object", "strategy", "seconds", *shares, "slower by seconds")
+    columns = ("object", "strategy", "seconds", *shares, "slower by seconds", "if both are right")
     print_folded(columns, lines)
     cli.out.print(
         f"{found['trials']} objects at {found['places']} places in turn, three searches each; "
@@ -207,7 +207,9 @@ def _show_trials(found: dict[str, Any]) -> None:
     )
 
 
-def _seconds(interval: dict[str, float]) -> str:
+def _seconds(interval: dict[str, float] | None) -> str:
+    if interval is None:
+        return ""
     return f"{interval['mean']:.0f} ({interval['low']:.0f} to {interval['high']:.0f})"
 
 

@@ -255,10 +255,11 @@ def _keep(session: psycopg.Connection[Any], history: History, learned: Learned) 
     rows: list[tuple[Any, ...]] = []
     for subject, lift in learned.moves.items():
         rows.append((*_subject(subject), "moves", None, None, lift.lift, lift.seen, lift.expected))
-    for (subject, kind, number), lift in learned.places.items():
-        word = history.words[number]
-        counts = lift.lift, lift.seen, lift.expected
-        rows.append((*_subject(subject), ABOUT[kind], *word, *counts))
+    for (subject, kind), lifts in learned.places.items():
+        counts = np.column_stack([lifts.lift, lifts.seen, lifts.expected]).tolist()
+        for number in np.flatnonzero(lifts.expected).tolist():
+            word = history.words[number]
+            rows.append((*_subject(subject), ABOUT[kind], *word, *counts[number]))
     rates = [
         (*(*names, None, None)[:2], one.hit, one.false_alarm, one.there, one.elsewhere)
         for names, one in learned.detectors.items()

@@ -23,7 +23,7 @@ from planner.search.search_mission import NotFoundError, SearchPlanner
 from planner.search.search_problem import as_pomdp
 from planner.search.sim_search import find_spots, searching_robot
 from planner.search.task_search import SearchingPlanner
-from planner.search.trials import compare
+from planner.search.trials import compare, summary
 from planner.search.viewpoints import Sight
 from planner.task_planner import TaskPlanner
 from semmap.api.map_results import ObjectSearch
@@ -317,8 +317,20 @@ def test_what_a_search_finds_is_true_and_what_is_remembered_is_found_sooner():
         assert rows["remembers"]["wrong"] <= 0.025, case
     for name in ("without memory", "nearest first"):
         assert cases["still there"][name]["slower"]["low"] > 0, name
+        assert cases["still there"][name]["slower_if_right"]["low"] > 0, name
     with pytest.raises(ValueError, match="1 trials"):
         compare(search, 1)
+
+
+def test_what_is_slower_is_also_told_of_searches_that_both_answer_rightly():
+    """Seconds, found, wrong and missed: an error that ends a search early is not faster."""
+    ours = [[(10, 1, 0, 0), (20, 1, 0, 0)], [(30, 1, 0, 0), (40, 0, 0, 1)], [(5, 0, 0, 0)] * 2]
+    theirs = [[(14, 1, 0, 0), (1, 0, 1, 0)], [(36, 1, 0, 0), (1, 1, 0, 0)], [(1, 0, 1, 0)] * 2]
+    rows = summary({"remembers": np.array(ours, float), "other": np.array(theirs, float)})
+    assert rows["other"]["slower"]["mean"] == pytest.approx(np.mean([-7.5, -16.5, -4]))
+    assert rows["other"]["slower_if_right"]["mean"] == pytest.approx(np.mean([4, 6]))
+    last = {"remembers": np.array(ours[2:], float), "other": np.array(theirs[2:], float)}
+    assert summary(last)["other"]["slower_if_right"] is None
 
 
 def test_trials_end_after_the_limit_of_the_detector():
