@@ -135,13 +135,14 @@ class MapBeliefs(MapQuestions):
 
         Parameters
         ----------
-        hold_out : days; what the history before the last ones teaches is judged by their looks
+        hold_out : days; what the history before the last ones teaches is judged by their looks,
+            until the last look
 
         Raises
         ------
         ValueError
-            The map has no history of objects, or none in or before these days; or this login may
-            not learn.
+            The map has no history of objects, no looks to judge by, or nothing before these days;
+            or this login may not learn.
         """
         from semmap.belief.store.learning import learn_belief
 

@@ -11,10 +11,9 @@ What is learned are lifts: how many times as often as expected something happene
 
 with what the lifts before it lead to as the expected. Subjects are types, the general ones first,
 and then the thing itself, so that a rare type has what its supertypes have; words about places
-are the type of the room, the room, the type of the place, and the place. The strength is that by
-which the counts of a subject are most probable (DuMouchel, "Bayesian data mining in large
-frequency tables", 1999, with one gamma distribution): counts that differ from the expected as by
-chance change little. What was taught is in the prior that the lifts start from.
+are the type of the room, the room, the type of the place, and the place. Few counts change
+little, many fit (the mean of a gamma distribution after Poisson counts: DuMouchel, "Bayesian data
+mining in large frequency tables", 1999). What was taught is in the prior that lifts start from.
 """
 
 from __future__ import annotations
@@ -25,10 +24,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
-
-STRENGTHS = 2.0 ** np.arange(11)
-"""How many counts the expected may be worth."""
 
 UNMOVED = 0.99
 """The most that a thing stays before it is seen: what is seen may just have been moved."""
@@ -232,7 +227,7 @@ def learn(
     detectors: Sequence[tuple[Hashable, ...]] = (),
     *,
     stated: float = 0.95,
-    strength: float = 2.0,
+    strength: float = 5.0,
     most: float = 20.0,
     rounds: int = 15,
 ) -> Learned:
@@ -243,7 +238,7 @@ def learn(
     tracks : of all things
     detectors : names of each detector, the general one first: (robot, distance)
     stated : the probability of what the map states
-    strength : how many counts the expected is worth, of moves and of detectors
+    strength : how many counts the expected is worth
     most : counts of one thing that its types learn from
     rounds : of expectation and maximisation
 
@@ -266,7 +261,7 @@ def learn(
             found.append((smooth(track, prior, rate, *rates, stated), *rates))
         passes = [one for one, _, _ in found]
         learned = Learned(
-            _lifts_of_places(used, [one.ends[:-1] for one in passes], most),
+            _lifts_of_places(used, [one.ends[:-1] for one in passes], strength, most),
             _lifts_of_moves(used, passes, strength, most),
             _rates_of_detectors(used, found, detectors, strength),
         )
@@ -299,21 +294,8 @@ def _weights(counts: Sequence[float], rows: Sequence[int], most: float, single: 
     return np.ones(len(rows)) if single else np.minimum(1.0, most / np.maximum(total, most))
 
 
-def likely_strength(seen: Floats, expected: Floats) -> float:
-    """Of `STRENGTHS` the one by which counts are most probable.
-
-    They are Poisson with the mean lift x expected; lifts have a gamma distribution of mean 1, with
-    the strength as its shape.
-    """
-    known = expected > 0
-    n, due, shape = seen[known], expected[known], STRENGTHS[:, None]
-    chance = gammaln(n + shape) - gammaln(shape) + shape * np.log(shape)
-    chance -= (n + shape) * np.log(due + shape)
-    return float(STRENGTHS[chance.sum(axis=1).argmax()])
-
-
 def _lifts_of_places(
-    tracks: Sequence[Track], ends: Sequence[Floats], most: float
+    tracks: Sequence[Track], ends: Sequence[Floats], strength: float, most: float
 ) -> dict[tuple[Hashable, int], WordLifts]:
     """Fit the lifts one after the other: each to what those before it lead to."""
     totals = [float(count.sum()) for count in ends]
@@ -330,7 +312,6 @@ def _lifts_of_places(
                 seen += weight * np.bincount(words[known], ends[row][known], size)
                 due = totals[row] * share[row][known]
                 expected += weight * np.bincount(words[known], due, size)
-            strength = likely_strength(seen, expected)
             lift = (seen + strength) / (expected + strength)
             found[subject, kind] = WordLifts(lift, seen, expected)
             for row in rows:

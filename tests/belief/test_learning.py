@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import nbinom
 
 from semmap.belief.calibration import calibrate
 from semmap.belief.learning import (
     NOTHING,
-    STRENGTHS,
     UNMOVED,
     DetectorRates,
     Learned,
@@ -25,7 +23,6 @@ from semmap.belief.learning import (
     learn,
     lifted_prior,
     lifted_rate,
-    likely_strength,
     predicted_sightings,
     smooth,
 )
@@ -289,18 +286,6 @@ def test_rates_of_a_detector_fall_back_to_the_general_ones(life: Life) -> None:
         track, hit=np.full(len(track.at), 0.4), false_alarm=np.full(len(track.at), 0.01)
     )
     assert chance == pytest.approx(predicted_sightings(stated, NOTHING, DETECTORS))
-
-
-@pytest.mark.parametrize("shape", [2.0, 16.0, 512.0])
-def test_the_strength_is_that_of_the_lifts(shape: float) -> None:
-    """By SciPy's negative binomial distribution, and by where the counts came from."""
-    random = np.random.default_rng(int(shape))
-    due = random.uniform(5, 50, 400)
-    seen = random.poisson(due * random.gamma(shape, 1 / shape, 400)).astype(float)
-    found = likely_strength(seen, due)
-    chance = [nbinom.logpmf(seen, k, k / (k + due)).sum() for k in STRENGTHS]
-    assert found == STRENGTHS[int(np.argmax(chance))]
-    assert 0.5 <= found / shape <= 2
 
 
 @given(st.lists(st.tuples(st.integers(0, 20), st.booleans()), min_size=1, max_size=60))

@@ -106,8 +106,8 @@ def learn_belief(seen: Snapshot, hold_out: float = 0.0) -> LearnedBelief:
     """Learn from the history of the map, and keep it; beliefs follow in the same transaction.
 
     With `hold_out` days, what was learned without them is judged by them first. `BeliefError` if
-    the map has no history, nothing in these days or nothing before them, or for a login that may
-    not do this.
+    the map has no history, no looks or nothing before these days, or for a login that may not do
+    this.
     """
     history = read_history(seen)
     tracks, detectors, stated = history.tracks, history.detectors, history.stated
@@ -119,8 +119,12 @@ def learn_belief(seen: Snapshot, hold_out: float = 0.0) -> LearnedBelief:
         )
     before = after = None
     if hold_out:
-        latest = max(float(track.at[-1]) for track in tracks)
+        latest = max((t for track in tracks for t in track.at[~track.told].tolist()), default=None)
+        if latest is None:
+            raise BeliefError("the map has no looks to judge by: observe objects, or hold out none")
         cut = latest - hold_out * DAY
+        if not any((track.at < cut).any() for track in tracks):
+            raise BeliefError("nothing is known before the days that are held out: hold out fewer")
         earlier = learn([track.until(cut) for track in tracks], detectors, stated=stated)
         before, after = (_judge(history, one, cut) for one in (NOTHING, earlier))
     learned = learn(tracks, detectors, stated=stated)
@@ -155,10 +159,6 @@ def _judge(history: History, learned: Learned, cut: float) -> Calibration:
         found = predicted_sightings(track, learned, history.detectors, history.stated)
         chance.append(found[looks])
         true.append(track.seen[looks])
-    if not sum(len(one) for one in chance):
-        raise BeliefError("the days that are held out have no looks: hold out more of them")
-    if not any((track.at < cut).any() for track in history.tracks):
-        raise BeliefError("nothing is known before the days that are held out: hold out fewer")
     return calibrate(np.concatenate(chance), np.concatenate(true))
 
 
@@ -174,9 +174,9 @@ def read_history(seen: Snapshot) -> History:
         prior[thing].append(share)
     numbers, names = _words(session, {p for own in places.values() for p in own if p is not None})
     pairs = [(thing, place) for thing in ids for place in places[thing]]
-    told = session.execute(_STATEMENTS, [list(column) for column in zip(*pairs, strict=True)])
+    told = [[thing for thing, _ in pairs], [place for _, place in pairs]]
     entries: dict[int, list[tuple[Any, ...]]] = defaultdict(list)
-    for thing, at, hits in told if pairs else ():
+    for thing, at, hits in session.execute(_STATEMENTS, told):
         entries[thing].append((at, True, hits, False, 1.0, 0.5, 0.5, -1))
     detectors: dict[tuple[Any, ...], int] = {}
     looks = session.execute(_LOOKS, (ids,)).fetchall()
