@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Forecasts in groups of about as many, the least probable first.
+    """Forecasts in groups, the least probable first; each group is about as unsure as the others.
 
     Attributes
     ----------
@@ -51,7 +51,8 @@ def calibrate(probability: ArrayLike, came_true: ArrayLike, groups: int = 10) ->
     chance, true = np.asarray(probability, np.float64), np.asarray(came_true, np.float64)
     order = np.argsort(chance, kind="stable")
     ranked = chance[order]
-    even = np.arange(groups) * len(chance) // groups
+    unsure = np.cumsum(ranked * (1 - ranked) + 1e-9)  # how many events may be otherwise
+    even = np.searchsorted(unsure, unsure[-1] * np.arange(groups) / groups)
     first = np.unique(np.searchsorted(ranked, ranked[even]))  # equal ones stay together
     count = np.diff(np.append(first, len(chance)))
     predicted = np.add.reduceat(ranked, first) / count
@@ -82,7 +83,7 @@ def draw_calibrations(curves: Mapping[str, Calibration], path: Path | str) -> Pa
     for name, one in curves.items():
         label = f"{name}: error {one.error:.3f}"
         (line,) = axes.plot(one.predicted, one.observed, lw=1, label=label)
-        sizes = 12 + 60 * one.count / one.count.max()
+        sizes = 8 + 80 * np.sqrt(one.count / one.count.max())
         axes.scatter(one.predicted, one.observed, sizes, color=line.get_color(), alpha=0.7)
     axes.set(xlabel="predicted", ylabel="observed", xlim=(0, 1), ylim=(0, 1), aspect="equal")
     axes.legend(loc="upper left", frameon=False)

@@ -38,61 +38,61 @@ def household() -> ModuleType:
 def build(db: semmap.Database, seed: int) -> Map:
     """A building of three rooms with furniture at random."""
     random = np.random.default_rng(seed)
-    home = db.create_map(f"home{seed}")
+    dwelling = db.create_map(f"home{seed}")
     for number, kind in enumerate(("kitchen", "living_room", "bedroom")):
         x = 5.1 * number
         outline = [(x, 0), (x + 5, 0), (x + 5, 4), (x, 4)]
-        home.add_room(f"r{number}", outline, floor=0, ceiling=2.6, type=kind)
+        dwelling.add_room(f"r{number}", outline, floor=0, ceiling=2.6, type=kind)
         for place, type_ in enumerate(random.permutation(["table", "desk", "cabinet", "shelf"])):
             size = *random.uniform(0.5, 0.9, 2), random.uniform(0.4, 0.9)
             pose = (x + 1.2 + 2.4 * (place % 2), 1 + 2 * (place // 2), 0)
-            home.add_object(f"f{number}{place}", type=str(type_), size=size, pose=pose)
-    return home
+            dwelling.add_object(f"f{number}{place}", type=str(type_), size=size, pose=pose)
+    return dwelling
 
 
 @pytest.fixture(scope="module")
-def home(make_database: MakeDatabase) -> Iterator[Map]:
+def dwelling(make_database: MakeDatabase) -> Iterator[Map]:
     with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
         yield build(db, 3)
 
 
-def test_later_beliefs_are_calibrated_by_the_truth(home: Map, household: ModuleType) -> None:
+def test_later_beliefs_are_calibrated_by_the_truth(dwelling: Map, household: ModuleType) -> None:
     """At random times of days that nothing was learned from, by looks until then."""
     random = np.random.default_rng(5)
-    things = household.add_things(home)
-    home.add_agent("rover", type="robot", size=(0.4, 0.4, 1), pose=(0.5, 0.5, 0))
-    weights = household.weights_of(home, list(things))
+    things = household.add_things(dwelling)
+    dwelling.add_agent("rover", type="robot", size=(0.4, 0.4, 1), pose=(0.5, 0.5, 0))
+    weights = household.weights_of(dwelling, list(things))
     moves = household.live(random, things, weights, SINCE, 21)
     places = sorted({place for own in weights.values() for place in own})
     looks = household.patrol(random, moves, places, SINCE, 21)
     cut = SINCE + timedelta(days=21 - HELD_OUT)
-    household.store(home, [look for look in looks if look.at < cut], weights, "rover")
-    home.learn_belief()
-    household.store(home, [look for look in looks if look.at >= cut], weights, "rover")
+    household.store(dwelling, [look for look in looks if look.at < cut], weights, "rover")
+    dwelling.learn_belief()
+    household.store(dwelling, [look for look in looks if look.at >= cut], weights, "rover")
 
     hours = np.sort(random.uniform(8, 22, 4 * HELD_OUT))
     moments = [cut + timedelta(days=n // 4, hours=float(h)) for n, h in enumerate(hours)]
-    after = judged(home, things, moves, moments)
-    home.forget_learned()
-    before = judged(home, things, moves, moments)
+    after = judged(dwelling, things, moves, moments)
+    dwelling.forget_learned()
+    before = judged(dwelling, things, moves, moments)
     assert after.error < 0.05
     assert after.log_score < 0.85 * before.log_score
     assert after.brier_score < before.brier_score
 
 
 def judged(
-    home: Map, things: Mapping[str, str], moves: Sequence[Any], moments: Sequence[datetime]
+    dwelling: Map, things: Mapping[str, str], moves: Sequence[Any], moments: Sequence[datetime]
 ) -> Calibration:
     """The calibration of all beliefs at some moments, by where the things were."""
     names = sorted(things)
-    ids = [home.execute("SELECT entity_id(%s)", name)[0][0] for name in names]
+    ids = [dwelling.execute("SELECT entity_id(%s)", name)[0][0] for name in names]
     chance, true = [], []
     for moment in moments:
         where = {}
         for name in names:
             own = [move for move in moves if move.thing == name]
             where[name] = own[bisect_right([move.at for move in own], moment) - 1].place
-        for name, place, share in home.execute(
+        for name, place, share in dwelling.execute(
             "SELECT t.name, p.name, b.probability FROM belief_at(%s, %s) b "
             "JOIN entity t ON t.id = b.entity_id LEFT JOIN entity p ON p.id = b.place_id",
             *(ids, moment),
@@ -119,8 +119,10 @@ def test_the_script_gives_a_map_its_weeks(
     counts = [int(part.split()[0]) for part in capsys.readouterr().out.split(", ")]
     assert counts[:2] == [len(household.THINGS), len(rows)]
     with semmap.connect(database) as db:
-        home = db.map("home4")
-        assert {row["thing"] for row in rows} <= {thing.name for thing in home.objects}
-        seen = home.execute("SELECT count(DISTINCT at) FROM observation WHERE distance IS NOT NULL")
+        dwelling = db.map("home4")
+        assert {row["thing"] for row in rows} <= {thing.name for thing in dwelling.objects}
+        seen = dwelling.execute(
+            "SELECT count(DISTINCT at) FROM observation WHERE distance IS NOT NULL"
+        )
         assert seen == [(counts[2],)]
         assert all(row["at"] < datetime.now(UTC).isoformat() for row in rows)

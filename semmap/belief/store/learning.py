@@ -287,7 +287,7 @@ WHERE l.map_id = current_map() ORDER BY l.id
 _DETECTORS = """
 SELECT e.name AS observer, d.within, d.hit, d.false_alarm, d.there, d.elsewhere
 FROM detector_rate d LEFT JOIN entity e ON e.id = d.observer_id
-WHERE d.map_id = current_map() ORDER BY d.id
+WHERE d.map_id = current_map() ORDER BY e.name NULLS FIRST, d.within NULLS FIRST
 """
 
 
