@@ -40,7 +40,7 @@ CREATE TABLE semmap.detector_rate (
     within      double precision CHECK (within > 0),  -- metres; null: at any distance
     hit         double precision NOT NULL,
     false_alarm double precision NOT NULL,
-    there       double precision NOT NULL CHECK (there >= 0),  -- looks at where things were, and were not
+    there       double precision NOT NULL CHECK (there >= 0),  -- looks at where it was, and was not
     elsewhere   double precision NOT NULL CHECK (elsewhere >= 0),
     CHECK (0 < false_alarm AND false_alarm < hit AND hit < 1)
 );

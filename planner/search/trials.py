@@ -95,7 +95,7 @@ def compare(
 def summary(values: dict[str, Floats]) -> dict[str, dict[str, Any]]:
     """The measures of each strategy, from seconds, found, wrong and missed (trials, cases, 4)."""
     seconds = {name: value[:, :, 0].mean(axis=1) for name, value in values.items()}
-    right = {name: ~value[:, :, 2:].any(axis=2) for name, value in values.items()}
+    right = {name: value[:, :, 2:].sum(axis=2) == 0 for name, value in values.items()}
     rows: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         found, wrong, missed = value[:, :, 1:].mean(axis=(0, 1)).tolist()

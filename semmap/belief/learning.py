@@ -249,7 +249,7 @@ def learn(
     ...              np.arange(9) * 36000.0, np.tile([False, True, False], (9, 1)), ~look, look,
     ...              np.ones(9), np.full(9, 0.9), np.full(9, 0.001), np.full(9, -1))
     >>> lifted_prior(seen, learn([seen])).round(2)
-    array([0.19, 0.61, 0.2 ])
+    array([0.33, 0.47, 0.2 ])
     """
     used = [track for track in tracks if len(track.at)]
     learned = NOTHING
@@ -354,7 +354,7 @@ def _rates_of_detectors(
     first = np.zeros((2, 2))  # the rates that are stated, and how many
     for track, (one, hit, false_alarm) in zip(tracks, passes, strict=True):
         looks = track.detector >= 0
-        rows, seen, view = (v[looks] for v in (track.detector, track.seen, track.visible))
+        rows, seen, view = track.detector[looks], track.seen[looks], track.visible[looks]
         for column, share, rate in (
             (0, one.there[looks], hit[looks]),
             (2, 1 - one.there[looks], false_alarm[looks]),

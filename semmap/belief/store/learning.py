@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import psycopg
@@ -162,57 +162,77 @@ def _judge(history: History, learned: Learned, cut: float) -> Calibration:
     return calibrate(np.concatenate(chance), np.concatenate(true))
 
 
+class _Entry(NamedTuple):
+    """A statement or look, as the columns of `Track` have it; None is elsewhere."""
+
+    at: float
+    told: bool
+    places: Sequence[int | None]
+    seen: bool = False
+    visible: float = 1.0
+    hit: float = 0.5
+    false_alarm: float = 0.5
+    detector: int = -1
+
+
 def read_history(seen: Snapshot) -> History:
     """Read what the map knows of where its objects were, parts of the building left out."""
     session = seen.session
     things = session.execute(_THINGS).fetchall()
     ids = [row[0] for row in things]
-    places: dict[int, list[int | None]] = defaultdict(list)
-    prior: dict[int, list[float]] = defaultdict(list)
+    prior: dict[int, dict[int | None, float]] = defaultdict(dict)  # elsewhere is the last place
     for thing, place, share in session.execute(_PRIORS, (ids,)):
-        places[thing].append(place)
-        prior[thing].append(share)
-    numbers, names = _words(session, {p for own in places.values() for p in own if p is not None})
-    pairs = [(thing, place) for thing in ids for place in places[thing]]
-    told = [[thing for thing, _ in pairs], [place for _, place in pairs]]
-    entries: dict[int, list[tuple[Any, ...]]] = defaultdict(list)
-    for thing, at, hits in session.execute(_STATEMENTS, told):
-        entries[thing].append((at, True, hits, False, 1.0, 0.5, 0.5, -1))
+        prior[thing][place] = share
+    numbers, words = _words(session, {p for own in prior.values() for p in own if p is not None})
+    pairs = [(thing, place) for thing in ids for place in prior[thing]]
+    told = session.execute(_STATEMENTS, [[pair[column] for pair in pairs] for column in (0, 1)])
+    entries: dict[int, list[_Entry]] = defaultdict(list)
+    for thing, at, places in told:
+        entries[thing].append(_Entry(at, True, places))
     detectors: dict[tuple[Any, ...], int] = {}
     looks = session.execute(_LOOKS, (ids,)).fetchall()
     held = _held(session, {look[2] for look in looks if look[3]}, numbers)
-    for thing, at, place, inside, saw, visible, hit, false_alarm, observer, distance in looks:
+    for thing, at, place, inside, saw, visible, *rates, observer, distance in looks:
         detector = -1
         if observer is not None:
-            band = next((w for w in WITHIN if distance is not None and distance < w), None)
-            detector = detectors.setdefault(
-                (observer,) if band is None else (observer, band), len(detectors)
-            )
-        hits = held[place] if inside else [place]
-        entries[thing].append((at, False, hits, saw, visible, hit, false_alarm, detector))
+            near = [w for w in WITHIN if distance is not None and distance < w][:1]
+            detector = detectors.setdefault((observer, *near), len(detectors))
+        places = held[place] if inside else [place]
+        hit, false_alarm = rates
+        entry = _Entry(at, False, places, saw, visible, hit, false_alarm, detector)
+        entries[thing].append(entry)
     tracks = []
     for thing, types, rate, _ in things:
-        own = sorted(entries[thing], key=lambda entry: (entry[0], not entry[1]))
-        hits = np.array([[p in entry[2] for p in places[thing]] for entry in own], bool)
-        known = hits.reshape(len(own), len(places[thing])).any(axis=1)
-        if not known.any():
-            continue
-        columns = list(zip(*(e for e, k in zip(own, known, strict=True) if k), strict=True))
-        tracks.append(
-            Track(
-                (*types, thing),
-                np.array(prior[thing]),
-                np.array([numbers[p] for p in places[thing][:-1]]).reshape(-1, len(ABOUT)),
-                rate,
-                np.array(columns[0], np.float64),
-                hits[known],
-                np.array(columns[1], bool),
-                np.array(columns[3], bool),
-                *(np.array(column, np.float64) for column in columns[4:7]),
-                np.array(columns[7], np.intp),
-            )
-        )
-    return History(tracks, names, list(detectors), things[0][3] if things else 0.0)
+        known = [e for e in entries[thing] if not prior[thing].keys().isdisjoint(e.places)]
+        if known:
+            known.sort(key=lambda entry: (entry.at, not entry.told))
+            tracks.append(_track((*types, thing), rate, prior[thing], numbers, known))
+    return History(tracks, words, list(detectors), things[0][3] if things else 0.0)
+
+
+def _track(
+    subjects: tuple[Any, ...],
+    rate: float,
+    prior: Mapping[int | None, float],
+    numbers: Mapping[int, list[int]],
+    entries: Sequence[_Entry],
+) -> Track:
+    at, told, _, seen, visible, hit, false_alarm, detector = zip(*entries, strict=True)
+    words = [numbers[place] for place in prior if place is not None]
+    return Track(
+        subjects,
+        np.array([*prior.values()]),
+        np.array(words, np.intp).reshape(-1, len(ABOUT)),
+        rate,
+        np.array(at, np.float64),
+        np.array([[place in entry.places for place in prior] for entry in entries], np.bool_),
+        np.array(told, np.bool_),
+        np.array(seen, np.bool_),
+        np.array(visible, np.float64),
+        np.array(hit, np.float64),
+        np.array(false_alarm, np.float64),
+        np.array(detector, np.intp),
+    )
 
 
 def _words(
