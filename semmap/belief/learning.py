@@ -70,7 +70,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Lift:
+class MoveLift:
     """How many times as often as `expected` something was `seen`, with smoothing."""
 
     lift: float
@@ -105,7 +105,7 @@ class Learned:
     """
 
     places: Mapping[tuple[Hashable, int], WordLifts]
-    moves: Mapping[Hashable, Lift]
+    moves: Mapping[Hashable, MoveLift]
     detectors: Mapping[tuple[Hashable, ...], DetectorRates]
 
 
@@ -323,9 +323,9 @@ def _lifts_of_places(
 
 def _lifts_of_moves(
     tracks: Sequence[Track], passes: Sequence[Smoothed], strength: float, most: float
-) -> dict[Hashable, Lift]:
+) -> dict[Hashable, MoveLift]:
     """Fit how often things move, to what their mobility leads to."""
-    found: dict[Hashable, Lift] = {}
+    found: dict[Hashable, MoveLift] = {}
     due = [track.rate * one.seconds for track, one in zip(tracks, passes, strict=True)]
     for subject, rows in _subjects(tracks):
         counts = [one.moves for one in passes]
@@ -334,7 +334,7 @@ def _lifts_of_moves(
         expected = float(weights @ [due[row] for row in rows])
         if expected > 0:
             lift = (seen + strength) / (expected + strength)
-            found[subject] = Lift(lift, seen, expected)
+            found[subject] = MoveLift(lift, seen, expected)
             for row in rows:
                 due[row] *= lift
     return found
