@@ -149,8 +149,15 @@ BEGIN
     INSERT INTO semmap.taught_action SELECT copied, action, cause, effect FROM semmap.taught_action WHERE map_id = original.id;
     INSERT INTO semmap.belief_model SELECT copied, there, elsewhere, change, seconds, moves, stated, prior_elsewhere, prior_history, prior_typical
         FROM semmap.belief_model WHERE map_id = original.id;
-    INSERT INTO semmap.observation (entity_id, place_id, at, seen, inside, position, visible, hit, false_alarm, observer_id)
-        SELECT t.new, p.new, o.at, o.seen, o.inside, o.position, o.visible, o.hit, o.false_alarm, w.new
+    INSERT INTO semmap.learned_lift (map_id, type, entity_id, about, word, word_id, lift, seen, expected)
+        SELECT copied, l.type, t.new, l.about, l.word, w.new, l.lift, l.seen, l.expected
+        FROM semmap.learned_lift l LEFT JOIN pg_temp.twin t ON t.old = l.entity_id LEFT JOIN pg_temp.twin w ON w.old = l.word_id
+        WHERE l.map_id = original.id;
+    INSERT INTO semmap.detector_rate (map_id, observer_id, within, hit, false_alarm, there, elsewhere)
+        SELECT copied, w.new, d.within, d.hit, d.false_alarm, d.there, d.elsewhere
+        FROM semmap.detector_rate d LEFT JOIN pg_temp.twin w ON w.old = d.observer_id WHERE d.map_id = original.id;
+    INSERT INTO semmap.observation (entity_id, place_id, at, seen, inside, position, visible, hit, false_alarm, observer_id, distance)
+        SELECT t.new, p.new, o.at, o.seen, o.inside, o.position, o.visible, o.hit, o.false_alarm, w.new, o.distance
         FROM semmap.observation o JOIN pg_temp.twin t ON t.old = o.entity_id JOIN pg_temp.twin p ON p.old = o.place_id
         LEFT JOIN pg_temp.twin w ON w.old = o.observer_id;
     DROP TABLE pg_temp.twin;

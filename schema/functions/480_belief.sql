@@ -180,10 +180,12 @@ $$;
 CREATE FUNCTION lifts_of(thing bigint)
 RETURNS SETOF learned_lift LANGUAGE sql STABLE ROWS 100
 BEGIN ATOMIC
--- What was learned about a thing: of its types and of itself.
+-- What was learned about an object: of itself and of its types.
+SELECT l.* FROM semmap.learned_lift l JOIN semmap.entity e ON e.id = l.entity_id WHERE l.entity_id = thing AND e.kind = 'object'
+UNION ALL
 SELECT l.* FROM semmap.entity e JOIN semmap.learned_lift l ON l.map_id = e.map_id
-WHERE e.id = thing AND (l.entity_id = e.id
-                        OR l.type IN (SELECT c.super FROM semmap.type_closure c WHERE c.sub = coalesce(e.type, e.kind)));
+ AND l.type = ANY (ARRAY(SELECT c.super FROM semmap.type_closure c WHERE c.sub = coalesce(e.type, e.kind)))
+WHERE e.id = thing AND e.kind = 'object';
 END;
 
 CREATE FUNCTION lift_of_moves(thing bigint)
@@ -240,11 +242,12 @@ BEGIN
         SELECT r.id, r.at, sum(power(0.5, r.age)) / sum(sum(power(0.5, r.age))) OVER (PARTITION BY r.id) AS share
         FROM ranked r WHERE r.age <= 50 GROUP BY r.id, r.at
     ), lifted AS MATERIALIZED (
-        SELECT t.id, l.about, l.word, l.word_id, l.lift FROM thing t, LATERAL semmap.lifts_of(t.id) l WHERE learned AND l.about <> 'moves'
+        SELECT t.id, l.about, coalesce(l.word, l.word_id::text) AS word, exp(sum(ln(l.lift))) AS lift
+        FROM thing t, LATERAL semmap.lifts_of(t.id) l WHERE learned AND l.about <> 'moves' GROUP BY 1, 2, 3
     ), lift AS (
         SELECT l.id, w.place_id AS at, exp(sum(ln(l.lift))) AS lift
         FROM semmap.place_words(ARRAY(SELECT DISTINCT p.at FROM place p WHERE EXISTS (SELECT FROM lifted))) w
-        JOIN lifted l ON l.about = w.about AND (l.word = w.word OR l.word_id = w.word_id) GROUP BY 1, 2
+        JOIN lifted l ON l.about = w.about AND l.word = coalesce(w.word, w.word_id::text) GROUP BY 1, 2
     ), weighed AS (
         SELECT p.id, p.at, p.weight * coalesce(l.lift, 1) * CASE WHEN y.id IS NULL THEN 1 ELSE t.prior_typical END AS weight, t.prior_elsewhere,
                CASE WHEN k.id IS NULL OR EXISTS (SELECT FROM lifted n WHERE n.id = t.id) THEN 0 ELSE t.prior_history END AS known
@@ -327,9 +330,12 @@ END;
 CREATE FUNCTION learned_rate(of_map integer, observer bigint, distance double precision)
 RETURNS SETOF detector_rate LANGUAGE sql STABLE ROWS 1
 BEGIN ATOMIC
--- What was learned of an agent's looks from so far, else from anywhere, else of all agents' looks; no row for people's words.
+-- What was learned of an agent's looks from about so far, else from anywhere, else of all agents' looks, as of an agent that
+-- is gone; no row for people's words.
 SELECT d.* FROM semmap.detector_rate d
-WHERE d.map_id = of_map AND observer = coalesce(d.observer_id, observer) AND (d.within IS NULL OR distance < d.within)
+WHERE d.map_id = of_map AND (observer IS NOT NULL OR distance IS NOT NULL) AND (d.observer_id = observer OR d.observer_id IS NULL)
+  AND (d.within IS NULL OR d.within = (SELECT min(b.within) FROM unnest('{1, 2, 4, 8, 100}'::double precision[]) b (within)
+                                       WHERE distance < b.within))
 ORDER BY d.observer_id IS NULL, d.within NULLS LAST LIMIT 1;
 END;
 
@@ -433,7 +439,8 @@ BEGIN
         END IF;
         IF total NOT BETWEEN 0.01 AND 1e9 THEN
             total := (SELECT sum(p) FROM unnest(at_place) p);
-            at_place := ARRAY(SELECT p / total FROM unnest(at_place) WITH ORDINALITY a (p, n) ORDER BY n);
+            at_place := ARRAY(SELECT CASE WHEN p > 0 AND ln(p) - ln(total) < -460 THEN 1e-200 ELSE p / total END  -- else it underflows
+                              FROM unnest(at_place) WITH ORDINALITY a (p, n) ORDER BY n);
             total := 1;
         END IF;
     END LOOP;
@@ -551,15 +558,13 @@ FROM semmap.world w LEFT JOIN semmap.room r ON r.entity_id = w.entity_id,
 WHERE w.entity_id = place AND w.footprint IS NOT NULL;
 END;
 
-CREATE FUNCTION look_distance(observer bigint, moment timestamptz, place bigint, spot double precision[])
+CREATE FUNCTION look_distance(observer bigint, moment timestamptz, place bigint)
 RETURNS double precision LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
--- Metres along the floor from where an agent was at a moment to a position in the frame of a place, else to the middle of
--- the place; null if one of them is unknown.
-SELECT sqrt((o.pose[1] - s.at[1]) ^ 2 + (o.pose[2] - s.at[2]) ^ 2)
-FROM semmap.world w, LATERAL semmap.pose_at(observer, moment) o (pose),
-     LATERAL (SELECT CASE WHEN spot IS NULL THEN ARRAY[ST_X(c.middle), ST_Y(c.middle)]
-                          ELSE semmap.pose_compose(w.pose, spot || ARRAY[0, 0, 0, 1]::double precision[]) END
-              FROM (SELECT ST_Centroid(w.footprint)) c (middle)) s (at)
+-- Metres along the floor from where an agent was at a moment to the middle of a piece of furniture, which is the same whatever
+-- the look shows; null if one of them is unknown, and of rooms.
+SELECT sqrt((o.pose[1] - ST_X(c.middle)) ^ 2 + (o.pose[2] - ST_Y(c.middle)) ^ 2)
+FROM semmap.world w JOIN semmap.entity e ON e.id = w.entity_id AND e.kind = 'object',
+     LATERAL semmap.pose_at(observer, moment) o (pose), LATERAL (SELECT ST_Centroid(w.footprint)) c (middle)
 WHERE w.entity_id = place
 $$;
 
@@ -588,7 +593,9 @@ BEGIN
         RAISE EXCEPTION '% at %: its position is % m outside of %', thing.name, place.name, round(away::numeric, 2)::double precision, place.name
             USING ERRCODE = 'check_violation', HINT = 'Positions are x, y, z in the frame of the place, in metres.';
     END IF;
-    NEW.distance := semmap.look_distance(NEW.observer_id, NEW.at, NEW.place_id, NEW.position);
+    IF TG_OP = 'INSERT' AND coalesce(current_setting('semmap.deriving', true), '') = '' THEN
+        NEW.distance := semmap.look_distance(NEW.observer_id, NEW.at, NEW.place_id);
+    END IF;
     RETURN NEW;
 END $$;
 

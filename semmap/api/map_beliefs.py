@@ -142,7 +142,7 @@ class MapBeliefs(MapQuestions):
         ------
         ValueError
             The map has no history of objects, no looks to judge by, or nothing before these days;
-            or this login may not learn.
+            this login may not learn; or another session learns.
         """
         from semmap.belief.store.learning import learn_belief
 
@@ -150,7 +150,10 @@ class MapBeliefs(MapQuestions):
             return learn_belief(seen, hold_out)
 
     def forget_learned(self) -> int:
-        """Delete what `learn_belief` learned; returns how many lifts. Beliefs follow."""
+        """Delete what `learn_belief` learned; returns how many lifts. Beliefs follow.
+
+        ValueError: this login may not do this, or another session learns.
+        """
         from semmap.belief.store.learning import forget_learned
 
         with self.transaction(), self.snapshot() as seen:

@@ -25,6 +25,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+LEAST = 1e-200
+"""The least that a look leaves of a place: no number of looks is beyond doubt."""
+
 UNMOVED = 0.99
 """The most that a thing stays before it is seen: what is seen may just have been moved."""
 
@@ -144,8 +147,8 @@ def smooth(
     there = np.where(track.seen, hit, 1 - track.visible * hit)[:, None]
     elsewhere = np.where(track.seen, false_alarm, 1 - track.visible * false_alarm)[:, None]
     likely = np.where(track.hits, there, elsewhere)
-    target = np.where(track.hits, prior, 0.0) + 1e-300 * track.hits
-    target /= np.maximum(target.sum(axis=1, keepdims=True), 1e-300)
+    target = np.zeros((size, places))  # where the thing is, if what the map states is so
+    told = track.told.copy()
 
     forecast, before, after = np.empty((3, size, places))
     belief = prior
@@ -153,9 +156,12 @@ def smooth(
         forecast[i] = real[i] * belief + (1 - real[i]) * prior
         before[i] = keep[i] * belief + (1 - keep[i]) * prior
         if track.told[i]:
-            belief = (1 - stated) * before[i] + stated * target[i]
+            belief = before[i] * track.hits[i]
+            told[i] = belief.any()  # else it is no place of the thing
+            target[i] = belief / belief.sum() if told[i] else 0.0
+            belief = (1 - stated) * before[i] + stated * target[i] if told[i] else before[i]
         else:
-            belief = before[i] * likely[i]
+            belief = np.maximum(before[i] * likely[i], np.minimum(before[i], LEAST))
             belief = belief / belief.sum()
         after[i] = belief
 
@@ -165,7 +171,7 @@ def smooth(
     for i in reversed(range(size)):
         posterior = after[i] * later
         was_there[i] = posterior[track.hits[i]].sum() / posterior.sum()
-        if track.told[i]:
+        if told[i]:
             arrived = target[i] * later
             put = stated * arrived.sum()
             came = before[i][~track.hits[i]].sum() * put
@@ -173,16 +179,16 @@ def smooth(
             ends += came * arrived / arrived.sum()
             moves += came
             later = (1 - stated) * later + put
-        else:
+        elif not track.told[i]:
             later = likely[i] * later
         moved = prior * later
-        if keep[i] < 1:
+        if keep[i] < 1 and moved.any():
             share = (1 - real[i]) / (1 - keep[i])
             jumped = (1 - keep[i]) * moved.sum() / (before[i] @ later)
             ends += share * jumped * moved / moved.sum()
             moves += jumped * rate * gap[i] / (1 - keep[i])
         later = keep[i] * later + (1 - keep[i]) * moved.sum()
-        later = later / later.max()
+        later = np.maximum(later / later.max(), LEAST)
     ends += prior * later / (prior @ later)
     return Smoothed(forecast, was_there, ends, moves, float(gap.sum()))
 

@@ -23,8 +23,11 @@ from semmap.query.snapshot import Snapshot
 ABOUT = ("room_type", "room", "place_type", "place")
 """What the words of a place are about, the general ones first."""
 
-WITHIN = (1.0, 2.0, 4.0, 8.0)
+WITHIN = (1.0, 2.0, 4.0, 8.0, 100.0)
 """Looks from so near have rates of their own, metres."""
+
+PORTION = 200
+"""Things whose priors are read at once: those of many take more than linear time."""
 
 DAY = 86_400.0
 
@@ -75,7 +78,8 @@ class LearnedBelief:
     detectors : rows of `observer`, `within` (metres), `hit`, `false_alarm`, and how many looks at
         where things were (`there`) and were not (`elsewhere`) they are from; None stands for all
     before, after : with days held out, how well it was known before each look of these days
-        whether it would see the thing: without what was learned from the other days, and with it
+        whether it would see the thing: with nothing learned and no former placements in the prior,
+        and with what was learned from the other days
     """
 
     things: int
@@ -109,10 +113,11 @@ def learn_belief(seen: Snapshot, hold_out: float = 0.0) -> LearnedBelief:
     the map has no history, no looks or nothing before these days, or for a login that may not do
     this.
     """
-    history = read_history(seen)
-    tracks, detectors, stated = history.tracks, history.detectors, history.stated
     if not (math.isfinite(hold_out) and hold_out >= 0):
         raise BeliefError(f"hold_out is {hold_out:g}: give days, at least 0")
+    _lock(seen.session)
+    history = read_history(seen)
+    tracks, detectors, stated = history.tracks, history.detectors, history.stated
     if not tracks:
         raise BeliefError(
             "the map has no history of things: observe objects, or move them, and learn then"
@@ -128,10 +133,7 @@ def learn_belief(seen: Snapshot, hold_out: float = 0.0) -> LearnedBelief:
         earlier = learn([track.until(cut) for track in tracks], detectors, stated=stated)
         before, after = (_judge(history, one, cut) for one in (NOTHING, earlier))
     learned = learn(tracks, detectors, stated=stated)
-    try:
-        _keep(seen.session, history, learned)
-    except errors.InsufficientPrivilege as error:
-        raise BeliefError(f"{error.diag.message_primary}: an admin of the map may learn") from error
+    _keep(seen.session, history, learned)
     told = sum(int(track.told.sum()) for track in tracks)
     return LearnedBelief(
         len(tracks),
@@ -144,8 +146,22 @@ def learn_belief(seen: Snapshot, hold_out: float = 0.0) -> LearnedBelief:
     )
 
 
+def _lock(session: psycopg.Connection[Any]) -> None:
+    """Let one session learn at a time; `BeliefError` for a login that may not, or if one does."""
+    try:
+        session.execute("LOCK TABLE learned_lift, detector_rate IN SHARE ROW EXCLUSIVE MODE")
+    except errors.InsufficientPrivilege as error:
+        raise BeliefError(f"{error.diag.message_primary}: an admin of the map may learn") from error
+    except errors.LockNotAvailable as error:
+        raise BeliefError("another session learns: wait until it has ended") from error
+
+
 def forget_learned(session: psycopg.Connection[Any]) -> int:
-    """Delete what was learned from the history of the map; return how many lifts that were."""
+    """Delete what was learned from the history of the map; return how many lifts that were.
+
+    `BeliefError` for a login that may not do this, or while another session learns.
+    """
+    _lock(session)
     lifts = session.execute("DELETE FROM learned_lift WHERE map_id = current_map()").rowcount
     session.execute("DELETE FROM detector_rate WHERE map_id = current_map()")
     session.execute("SELECT refresh_beliefs()")
@@ -181,8 +197,9 @@ def read_history(seen: Snapshot) -> History:
     things = session.execute(_THINGS).fetchall()
     ids = [row[0] for row in things]
     prior: dict[int, dict[int | None, float]] = defaultdict(dict)  # elsewhere is the last place
-    for thing, place, share in session.execute(_PRIORS, (ids,)):
-        prior[thing][place] = share
+    for first in range(0, len(ids), PORTION):
+        for thing, place, share in session.execute(_PRIORS, (ids[first : first + PORTION],)):
+            prior[thing][place] = share
     numbers, words = _words(session, {p for own in prior.values() for p in own if p is not None})
     pairs = [(thing, place) for thing in ids for place in prior[thing]]
     told = session.execute(_STATEMENTS, [[pair[column] for pair in pairs] for column in (0, 1)])
@@ -204,10 +221,24 @@ def read_history(seen: Snapshot) -> History:
     tracks = []
     for thing, types, rate, _ in things:
         known = [e for e in entries[thing] if not prior[thing].keys().isdisjoint(e.places)]
+        known = _without_echoes(sorted(known, key=lambda entry: (entry.at, entry.told)))
         if known:
-            known.sort(key=lambda entry: (entry.at, not entry.told))
             tracks.append(_track((*types, thing), rate, prior[thing], numbers, known))
     return History(tracks, words, list(detectors), things[0][3] if things else 0.0)
+
+
+def _without_echoes(entries: Sequence[_Entry]) -> list[_Entry]:
+    """Entries in their order, without statements of what was seen just before.
+
+    The map follows sightings: what it states then is what the sighting says.
+    """
+    kept: list[_Entry] = []
+    for entry in entries:
+        last = kept[-1] if kept else None
+        echo = entry.told and last is not None and last.seen and {*entry.places} & {*last.places}
+        if not echo:
+            kept.append(entry)
+    return kept
 
 
 def _track(
@@ -260,13 +291,17 @@ def _held(
 _KEEP_LIFTS = """
 INSERT INTO learned_lift (map_id, type, entity_id, about, word, word_id, lift, seen, expected)
 SELECT current_map(), l.* FROM unnest(%s::text[], %s::bigint[], %s::text[], %s::text[],
-    %s::bigint[], %s::float8[], %s::float8[], %s::float8[]) l
+    %s::bigint[], %s::float8[], %s::float8[], %s::float8[])
+    l (type, thing, about, word, word_id, lift, seen, expected)
+WHERE (l.thing IS NULL OR EXISTS (SELECT FROM entity e WHERE e.id = l.thing))  -- deleted meanwhile
+  AND (l.word_id IS NULL OR EXISTS (SELECT FROM entity e WHERE e.id = l.word_id))
 """
 
 _KEEP_RATES = """
 INSERT INTO detector_rate (map_id, observer_id, within, hit, false_alarm, there, elsewhere)
 SELECT current_map(), d.* FROM unnest(%s::bigint[], %s::float8[], %s::float8[], %s::float8[],
-    %s::float8[], %s::float8[]) d
+    %s::float8[], %s::float8[]) d (observer, within, hit, false_alarm, there, elsewhere)
+WHERE d.observer IS NULL OR EXISTS (SELECT FROM entity e WHERE e.id = d.observer)
 """
 
 

@@ -125,7 +125,7 @@ def test_new_looks_have_the_rates_of_their_observer_and_distance(used: Map) -> N
     for distance, observer, hit in (
         (0.6, "robot", 0.9),
         (1.9, "robot", 0.8),
-        (2.6, "robot", 0.7),
+        (2.6, "robot", 0.7),  # none from so far
         (0.6, "other", 0.6),
     ):
         used[observer].move_to(x + distance, y, 0)
@@ -207,7 +207,85 @@ def test_a_thing_of_a_new_type_has_what_its_supertypes_learned(used: Map) -> Non
     assert learned["table"] / learned["piano"] > plain["table"] / plain["piano"]
 
 
-def test_nothing_learned_is_the_prior_without_history(flat: Map) -> None:
+def test_tracks_begin_with_the_prior_without_history(used: Map) -> None:
+    history = store.read_history(seen_by(used.connection))
+    (mug,) = (t for t in history.tracks if t.subjects[-1] == used["mug"].id)
+    former = dict(used.execute("SELECT place_id, prior FROM prior_of(%s)", [used["mug"].id]))
+    used.execute("DELETE FROM placement WHERE entity_id = entity_id('mug')")
+    used.execute("DELETE FROM placement_history WHERE entity_id = entity_id('mug')")
+    rows = dict(used.execute("SELECT place_id, prior FROM prior_of(%s)", [used["mug"].id]))
+    assert rows != former
+    expected = [rows[one] for one in sorted(p for p in rows if p is not None)]
+    assert mug.prior[:-1] == pytest.approx(expected)
+    assert lifted_prior(mug, NOTHING) == pytest.approx(mug.prior)
+
+
+def test_what_the_map_states_after_a_sighting_is_no_news(flat: Map) -> None:
+    """A sighting at a point moves the mug, and the map then states what the look said."""
+    flat.observe("mug", "table", position=(0, 0, 0.8), observer="robot")
+    assert flat["mug"].holder.name == "table"
     history = store.read_history(seen_by(flat.connection))
-    for track in history.tracks:
-        assert lifted_prior(track, NOTHING) == pytest.approx(track.prior)
+    (mug,) = (t for t in history.tracks if t.subjects[-1] == flat["mug"].id)
+    assert not mug.told[-1]
+    assert mug.seen[-1]
+
+
+def test_the_distance_of_a_look_is_the_same_whatever_it_shows(flat: Map) -> None:
+    for seen, position in ((True, (0.5, 0, 0.8)), (False, None)):
+        flat.observe("coke", "table", seen=seen, position=position, observer="robot")
+    flat.observe("coke", "kitchen", seen=False, observer="robot")
+    rows = flat.execute("SELECT distance FROM observation ORDER BY id DESC LIMIT 3")
+    away = float(np.hypot(7 - 1.5, 2 - 1.5))
+    assert rows == [(None,), (pytest.approx(away),), (pytest.approx(away),)]
+
+
+def test_a_thing_that_never_moves_does_not_end_learning(flat: Map) -> None:
+    flat["coke"].properties = {"mobility": 0}
+    rows = [
+        {"object": "coke", "place": place, "seen": True, "at": NOW - timedelta(seconds=200 - n)}
+        for n, place in enumerate(["table"] * 70 + ["bench"] * 70)
+    ]
+    add_observations(flat.connection, rows)
+    lifts = flat.learn_belief().lifts
+    assert lifts
+    assert all(np.isfinite(row["lift"]) and row["lift"] > 0 for row in lifts)
+
+
+def test_people_have_no_lifts_of_objects(used: Map) -> None:
+    used.add_agent("person", type="person", size=(0.5, 0.3, 1.8), pose=(1, 1, 0))
+    used.observe("person", "kitchen")
+    former = used.where("person", NOW).rows
+    used.learn_belief()
+    assert used.where("person", NOW).rows == former
+
+
+def test_a_copy_believes_what_its_original_learned(make_database: MakeDatabase) -> None:
+    with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
+        home = db.create_map("home")
+        home.add_room("hall", [(0, 0), (6, 0), (6, 4), (0, 4)], floor=0, ceiling=2.6)
+        for name, x in (("a", 1), ("b", 3), ("c", 5)):
+            home.add_object(name, type="table", size=(0.8, 0.8, 0.7), pose=(x, 2, 0))
+        home.add_object("mug", type="mug")
+        home.add_agent("rover", type="robot", size=(0.4, 0.4, 1), pose=(3, 0.5, 0))
+        for age in range(1, 20):
+            for place in "abc":
+                at = NOW - timedelta(hours=10 * age)
+                home.observe("mug", place, seen=place == "b", at=at)
+        home.observe("mug", "a", seen=False, observer="rover")
+        found = home.learn_belief()
+        home.execute("SELECT copy_map('home', 'copy')")
+        copy = db.map("copy")
+        columns = "SELECT lift FROM learned_lift WHERE map_id = current_map() ORDER BY id"
+        assert copy.execute(columns) == home.execute(columns)
+        assert len(copy.execute(columns)) == len(found.lifts)
+        at = datetime.now(UTC)
+        assert copy.where("mug", at) == pytest.approx(home.where("mug", at))
+        distances = "SELECT count(distance) FROM observation o JOIN entity e ON e.id = o.entity_id "
+        assert copy.execute(distances + "WHERE e.map_id = current_map()") == [(1,)]
+
+
+def test_a_login_that_may_not_learn_is_told_so(used: Map) -> None:
+    used.execute("SET LOCAL ROLE semmap_robot")
+    for learn_or_forget in (used.learn_belief, used.forget_learned):
+        with pytest.raises(ValueError, match="an admin of the map may learn"):
+            learn_or_forget()
