@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import semmap
 from semmap import Map
-from semmap.belief.calibration import Calibration, calibrate
+from semmap.belief.calibration import calibrate
 from tests.conftest import MakeDatabase
 
 SCRIPT = Path(__file__).parents[2] / "examples/household.py"
@@ -75,15 +76,25 @@ def test_later_beliefs_are_calibrated_by_the_truth(dwelling: Map, household: Mod
     after = judged(dwelling, things, moves, moments)
     dwelling.forget_learned()
     before = judged(dwelling, things, moves, moments)
-    assert after.error < 0.05
-    assert after.log_score < 0.85 * before.log_score
-    assert after.brier_score < before.brier_score
+    assert calibrate(*after).error < 0.05
+    assert calibrate(*after).log_score < 0.85 * calibrate(*before).log_score
+    assert calibrate(*after).brier_score < calibrate(*before).brier_score
+    # nearly all places are nearly sure not to have a thing: errors show in the others
+    off = calibrate(*unsure(*after), groups=5).error
+    assert off < 0.07
+    assert off < calibrate(*unsure(*before), groups=5).error
+
+
+def unsure(chance: NDArray[np.float64], true: NDArray[np.bool_]) -> tuple[Any, Any]:
+    """Of forecasts those that are neither nearly 0 nor nearly 1."""
+    rows = (chance > 0.05) & (chance < 0.95)
+    return chance[rows], true[rows]
 
 
 def judged(
     dwelling: Map, things: Mapping[str, str], moves: Sequence[Any], moments: Sequence[datetime]
-) -> Calibration:
-    """The calibration of all beliefs at some moments, by where the things were."""
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The belief in each place at some moments, and whether the thing was there."""
     names = sorted(things)
     ids = [dwelling.execute("SELECT entity_id(%s)", name)[0][0] for name in names]
     chance, true = [], []
@@ -99,7 +110,7 @@ def judged(
         ):
             chance.append(share)
             true.append(where[name] == place)
-    return calibrate(chance, true)
+    return np.array(chance), np.array(true)
 
 
 def test_the_script_gives_a_map_its_weeks(
