@@ -58,6 +58,7 @@ def test_smoothing_is_the_sum_over_all_paths(seed: int) -> None:
     size, places, stated, rate = 3, 3, 0.9, 2e-5
     track = random_track(random, size, places)
     prior = track.prior
+    track.at[1:] = track.at[0] + np.array([30.0, 2e4])  # in 30 s it stays but for the floor
     found = smooth(track, prior, rate, track.hit, track.false_alarm, stated)
 
     total, moves, ends, there = 0.0, 0.0, np.zeros(places), np.zeros(size)
@@ -282,6 +283,31 @@ def test_a_lifted_prior_is_a_distribution(shares: list[float], lifts: list[float
     ratio = found[:-1] / prior[:-1]
     expected = np.array(lifts)[words[:, 0]]
     assert ratio / ratio[0] == pytest.approx(expected / expected[0])
+
+
+def test_no_number_of_looks_is_beyond_doubt() -> None:
+    """Two places in turn, of a thing that never moves: each likelihood alone would underflow."""
+    size = 1000
+    hits = np.zeros((size, 3), bool)
+    hits[: size // 2, 0] = hits[size // 2 :, 1] = True
+    flags, rates = np.ones(size, bool), (np.full(size, 0.9), np.full(size, 1e-6))
+    track = Track(
+        ("mug",),
+        np.array([0.4, 0.4, 0.2]),
+        np.array([[0], [1]]),
+        0.0,
+        np.arange(size) * 1.0,
+        hits,
+        ~flags,
+        flags,
+        flags * 1.0,
+        *rates,
+        np.full(size, -1),
+    )
+    found = smooth(track, track.prior, 0.0, *rates, 0.95)
+    assert np.isfinite(found.forecast).all()
+    assert np.isfinite(found.there).all()
+    assert found.ends.sum() == pytest.approx(1)
 
 
 def test_rates_of_a_detector_fall_back_to_the_general_ones(life: Life) -> None:

@@ -95,6 +95,16 @@ def test_lifts_say_where_things_are_and_how_often_they_move(used: Map) -> None:
     assert sum(prior.values()) == pytest.approx(1)
 
 
+def test_who_says_how_often_things_move_is_believed(used: Map) -> None:
+    """Then what was learned of moves is left out, but not what was learned of places."""
+    used.learn_belief()
+    at = datetime.now(UTC)
+    found = used.where("mug", at, moves=3600.0)
+    used.execute("DELETE FROM learned_lift WHERE about = 'moves'")
+    assert dict(used.where("mug", at, moves=3600.0)) == pytest.approx(dict(found))
+    assert dict(used.where("mug", at, moves=7200.0)) != pytest.approx(dict(found))
+
+
 def test_what_was_learned_can_be_forgotten(used: Map) -> None:
     at = datetime.now(UTC)
     former = [
@@ -133,6 +143,10 @@ def test_new_looks_have_the_rates_of_their_observer_and_distance(used: Map) -> N
         assert read_columns(seen_by(used.connection), ["coke"]).observations.hit[-1] == hit
     rows = used.execute("SELECT distance FROM observation ORDER BY id DESC LIMIT 4")
     assert [row[0] for row in rows] == pytest.approx([0.6, 2.6, 1.9, 0.6])
+    used.execute("DELETE FROM detector_rate WHERE within = 1")
+    used["robot"].move_to(x + 0.6, y, 0)
+    used.observe("coke", "bench", observer="robot")  # not as from 2 m
+    assert read_columns(seen_by(used.connection), ["coke"]).observations.hit[-1] == 0.7
     used.observe("coke", "bench", observer="robot", hit=0.5, false_alarm=0.2)
     assert read_columns(seen_by(used.connection), ["coke"]).observations.hit[-1] == 0.5
     used.observe("coke", "bench")
