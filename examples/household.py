@@ -124,7 +124,7 @@ def add_things(house: semmap.Map, types: Sequence[str] = THINGS) -> dict[str, st
 
 
 def weights_of(house: semmap.Map, things: Sequence[str]) -> dict[str, dict[str, float]]:
-    """The places of each thing in furniture, and how much each offers."""
+    """The places of each thing in furniture, and how much each offers; ValueError if none does."""
     found: dict[str, dict[str, float]] = {thing: {} for thing in things}
     rows = house.execute(
         "SELECT t.name, p.name, w.weight FROM entity t, LATERAL places_for(ARRAY[t.id]) w "
@@ -134,6 +134,9 @@ def weights_of(house: semmap.Map, things: Sequence[str]) -> dict[str, dict[str, 
     )
     for thing, place, weight in rows:
         found[thing][place] = weight
+    homeless = [thing for thing, places in found.items() if not places]
+    if homeless:
+        raise ValueError(f"{homeless[0]}: no furniture has room for it: choose another map")
     return found
 
 
