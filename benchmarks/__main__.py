@@ -27,6 +27,7 @@ TABLES = (
     "search",
     "belief",
     "belief_store",
+    "learned_beliefs",
     "manipulation",
     "perception",
     "knowledge",

@@ -327,6 +327,13 @@ WHERE t.entity_id = thing AND ST_DWithin(w.footprint, foot.point, 0.03)
 ORDER BY e.kind = 'room', w.pose[3] + board.height DESC NULLS LAST, ST_Area(w.footprint) LIMIT 1;
 END;
 
+CREATE FUNCTION look_within(distance double precision)
+RETURNS double precision LANGUAGE sql IMMUTABLE
+BEGIN ATOMIC
+-- The distance within which looks have rates of their own, metres, of a look from so far; null beyond all.
+SELECT min(w.within) FROM unnest('{1, 2, 4, 8, 100}'::double precision[]) w (within) WHERE distance < w.within;
+END;
+
 CREATE FUNCTION learned_rate(of_map integer, observer bigint, distance double precision)
 RETURNS SETOF detector_rate LANGUAGE sql STABLE ROWS 1
 BEGIN ATOMIC
@@ -334,8 +341,7 @@ BEGIN ATOMIC
 -- is gone; no row for people's words.
 SELECT d.* FROM semmap.detector_rate d
 WHERE d.map_id = of_map AND (observer IS NOT NULL OR distance IS NOT NULL) AND (d.observer_id = observer OR d.observer_id IS NULL)
-  AND (d.within IS NULL OR d.within = (SELECT min(b.within) FROM unnest('{1, 2, 4, 8, 100}'::double precision[]) b (within)
-                                       WHERE distance < b.within))
+  AND (d.within IS NULL OR d.within = semmap.look_within(distance))
 ORDER BY d.observer_id IS NULL, d.within NULLS LAST LIMIT 1;
 END;
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -18,20 +17,14 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from semmap.fields.relations.facts import RelationEvent, RelationFact
+from tests.examples.script import load_example
 
 SCRIPT = Path(__file__).parents[2] / "examples/moving_solids.py"
 
 
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("moving_solids", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(SCRIPT.parent)  # where it finds voxel_slices
-        spec.loader.exec_module(module)
-    return module
+    return load_example("moving_solids")
 
 
 def test_the_story(example: ModuleType) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from pathlib import Path
 from types import ModuleType
@@ -10,18 +9,14 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from tests.examples.script import load_example
+
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
-    path = ROOT / "examples/thesis_experiments.py"
-    spec = importlib.util.spec_from_file_location("thesis_experiments", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_example("thesis_experiments")
 
 
 def test_the_runs_have_the_moves_and_looks_of_the_thesis(example: ModuleType) -> None:

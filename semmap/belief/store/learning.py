@@ -23,9 +23,6 @@ from semmap.query.snapshot import Snapshot
 ABOUT = ("room_type", "room", "place_type", "place")
 """What the words of a place are about, the general ones first."""
 
-WITHIN = (1.0, 2.0, 4.0, 8.0, 100.0)
-"""Looks from so near have rates of their own, metres."""
-
 PORTION = 200
 """Things whose priors are read at once: those of many take more than linear time."""
 
@@ -55,7 +52,8 @@ FROM statements_about(%s, %s, clock_timestamp(), false) s
 _LOOKS = """
 SELECT o.entity_id, extract(epoch FROM o.at)::float8, o.place_id, o.inside, o.seen, o.visible,
        coalesce(o.hit, m.there + m.change), coalesce(o.false_alarm, m.elsewhere - m.change),
-       CASE WHEN o.hit IS NULL AND o.false_alarm IS NULL THEN o.observer_id END, o.distance
+       CASE WHEN o.hit IS NULL AND o.false_alarm IS NULL THEN o.observer_id END,
+       look_within(o.distance)
 FROM observation o, belief_model_of(current_map()) m WHERE o.entity_id = ANY (%s)
 ORDER BY o.at, o.id
 """
@@ -209,11 +207,11 @@ def read_history(seen: Snapshot) -> History:
     detectors: dict[tuple[Any, ...], int] = {}
     looks = session.execute(_LOOKS, (ids,)).fetchall()
     held = _held(session, {look[2] for look in looks if look[3]}, numbers)
-    for thing, at, place, inside, saw, visible, *rates, observer, distance in looks:
+    for thing, at, place, inside, saw, visible, *rates, observer, within in looks:
         detector = -1
         if observer is not None:
-            near = [w for w in WITHIN if distance is not None and distance < w][:1]
-            detector = detectors.setdefault((observer, *near), len(detectors))
+            names = (observer,) if within is None else (observer, within)
+            detector = detectors.setdefault(names, len(detectors))
         places = held[place] if inside else [place]
         hit, false_alarm = rates
         entry = _Entry(at, False, places, saw, visible, hit, false_alarm, detector)
