@@ -37,13 +37,14 @@ _LISTS = ("states", "actions", "observations")
 _HEADS = (*_LISTS, "discount", "values", "start", "T", "O", "R")
 
 
-def write_pomdp(pomdp: Pomdp, file: Path) -> Path:
-    """Write a POMDP as a ``.pomdp`` file; numbers are exact.
+def write_pomdp(pomdp: Pomdp, file: Path, comment: str = "") -> Path:
+    """Write a POMDP as a ``.pomdp`` file; numbers are exact. A comment is its first line.
 
     Names have only letters, digits, ``-`` and ``_`` there; comments give the original ones.
     Many solvers want a discount below 1: 0.999 changes a search of a few minutes little.
     """
-    lines = [f"discount: {pomdp.discount!r}", "values: reward"]
+    lines = [f"# {comment}"] if comment else []
+    lines += [f"discount: {pomdp.discount!r}", "values: reward"]
     identifiers = {}
     for kind in _LISTS:
         names = getattr(pomdp, kind)

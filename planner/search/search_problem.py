@@ -219,19 +219,24 @@ class SearchProblem:
         return cost if self.missed is None else np.minimum(cost, self.missed * left)
 
 
+def count_states(objects: int, spots: int, viewpoints: int, shut: int) -> int:
+    """How many states a search has as a POMDP, if the contents of so many viewpoints are shut."""
+    return int(spots**objects * (viewpoints + 1) * 2**shut + 1)
+
+
 def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000) -> Pomdp:
     """The search with a belief (O, S) as a POMDP whose actions are go, look, open, and declare.
 
     A state is a spot for each object, the viewpoint of the robot (or its start), and what is open.
-    More states than `most_states` are a ValueError: use `planner.search.receding_horizon.decide`.
+    More states than `most_states` are a ValueError: use `planner.search.aggregation.aggregate`.
     """
     o, s, v = len(problem.objects), len(problem.place_of), len(problem.viewpoints)
     shut = [int(k) for k in np.flatnonzero(problem.opening > 0)]
-    n = s**o * (v + 1) * 2 ** len(shut) + 1
+    n = count_states(o, s, v, len(shut))
     if n > most_states:
         raise ValueError(
             f"the search has {n} states; up to {most_states} can be listed: use "
-            "planner.search.receding_horizon"
+            "planner.search.aggregation"
         )
     hidden = list(itertools.product(range(s), repeat=o))
     outcomes = list(itertools.product([NOT_SEEN, *range(len(problem.places))], repeat=o))

@@ -288,12 +288,19 @@ class ObjectSearch:
         detector = self.options.get("detector") or Detector()
         return compare(self.problem, trials, seed, limit=detector.limit)
 
-    def write_pomdp(self, path: Path | str) -> Path:
-        """Write it as a ``.pomdp`` file for other solvers."""
+    def write_pomdp(self, path: Path | str, most_states: int = 1000) -> Path:
+        """Write it as a ``.pomdp`` file for other solvers, with at most so many states.
+
+        Spots that are seen alike are joined, and viewpoints left out, that cost the least; a
+        comment in the file says how many. ValueError if there are too many still.
+        """
+        from planner.search.aggregation import aggregate
         from planner.search.pomdp import write_pomdp
         from planner.search.search_problem import as_pomdp
 
-        return write_pomdp(as_pomdp(self.problem.problem, self.problem.belief), Path(path))
+        small = aggregate(self.problem.problem, self.problem.belief, most_states)
+        pomdp = as_pomdp(small.problem, small.belief, most_states=most_states)
+        return write_pomdp(pomdp, Path(path), comment=str(small))
 
     def run(self, **options: Any) -> SimulatedMission:
         """Let a robot search; options are those of `Map.run`."""
