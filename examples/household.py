@@ -15,6 +15,7 @@ import json
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,8 +27,11 @@ import semmap
 THINGS = ("mug", "mug", "mug", "book", "book", "remote", "bottle", "towel")
 """The types of the things of a household."""
 
-PARTS = ((6, 10), (10, 17), (17, 23))
-"""Hours of the morning, the day and the evening; at night, nobody moves things."""
+TURNS = ((5.0, 9.0), (9.5, 13.0), (16.0, 19.0), (21.5, 24.0))
+"""Hours between which a household gets up, begins its day and its evening, and goes to bed."""
+
+ROUNDS = (6, 23)
+"""Hours in which the robot goes round."""
 
 AWAY = 0.05
 """The share of moves that take a thing out of the house."""
@@ -63,7 +67,12 @@ def live(
     since: datetime,
     days: int,
 ) -> list[Move]:
-    """The moves of things, by name and type, at places of these weights, oldest first."""
+    """The moves of things, by name and type, at places of these weights, oldest first.
+
+    At night, nobody moves things.
+    """
+    turns = [float(random.uniform(*between)) for between in TURNS]
+    parts = [*pairwise(turns)]
     habits: dict[str, tuple[list[dict[str, float]], float]] = {}
     moves = []
     for thing, kind in sorted(things.items()):
@@ -71,7 +80,7 @@ def live(
         if kind not in habits:
             rate = float(np.exp(random.uniform(*np.log(MOVES_A_DAY))))
             usual = np.array(list(weights[thing].values()))
-            shares = random.dirichlet(3 * usual / usual.sum() + 0.02, len(PARTS))
+            shares = random.dirichlet(3 * usual / usual.sum() + 0.02, len(parts))
             habits[kind] = [dict(zip(places, one, strict=True)) for one in shares], rate
         usual_shares, rate = habits[kind]
         own = [
@@ -80,8 +89,8 @@ def live(
         ]
         moves.append(Move(since, thing, str(random.choice(places, p=own[-1]))))
         for day in range(days):
-            for (start, end), shares in zip(PARTS, own, strict=True):
-                for hour in np.sort(random.uniform(start, end, random.poisson(rate / len(PARTS)))):
+            for (start, end), shares in zip(parts, own, strict=True):
+                for hour in np.sort(random.uniform(start, end, random.poisson(rate / len(parts)))):
                     at = since + timedelta(days=day, hours=float(hour))
                     place = str(random.choice(places, p=shares))
                     moves.append(Move(at, thing, None if random.random() < AWAY else place))
@@ -99,7 +108,7 @@ def patrol(
         stops.append(move.place)
     looks = []
     for hour in range(days * 24):
-        if not PARTS[0][0] <= hour % 24 < PARTS[-1][1]:
+        if not ROUNDS[0] <= hour % 24 < ROUNDS[1]:
             continue
         for place in random.choice(places, LOOKS_AN_HOUR, replace=False):
             at = since + timedelta(hours=hour + float(random.uniform()))

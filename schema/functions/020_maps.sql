@@ -147,10 +147,10 @@ BEGIN
         WHERE s.map_id = original.id;
     INSERT INTO semmap.taught_relation SELECT copied, subject, relation, object FROM semmap.taught_relation WHERE map_id = original.id;
     INSERT INTO semmap.taught_action SELECT copied, action, cause, effect FROM semmap.taught_action WHERE map_id = original.id;
-    INSERT INTO semmap.belief_model SELECT copied, there, elsewhere, change, seconds, moves, stated, prior_elsewhere, prior_history, prior_typical
+    INSERT INTO semmap.belief_model SELECT copied, there, elsewhere, change, seconds, moves, stated, prior_elsewhere, prior_history, prior_typical, time_zone
         FROM semmap.belief_model WHERE map_id = original.id;
-    INSERT INTO semmap.learned_lift (map_id, type, entity_id, about, word, word_id, lift, seen, expected)
-        SELECT copied, l.type, t.new, l.about, l.word, w.new, l.lift, l.seen, l.expected
+    INSERT INTO semmap.learned_lift (map_id, type, entity_id, about, word, word_id, lift, seen, expected, by_part)
+        SELECT copied, l.type, t.new, l.about, l.word, w.new, l.lift, l.seen, l.expected, l.by_part
         FROM semmap.learned_lift l LEFT JOIN pg_temp.twin t ON t.old = l.entity_id LEFT JOIN pg_temp.twin w ON w.old = l.word_id
         WHERE l.map_id = original.id;
     INSERT INTO semmap.detector_rate (map_id, observer_id, within, hit, false_alarm, there, elsewhere)

@@ -6,7 +6,7 @@ RETURNS belief_model LANGUAGE sql STABLE
 BEGIN ATOMIC
 -- How sightings of a map are judged: its row, else the defaults of the table.
 SELECT m FROM semmap.belief_model m WHERE m.map_id = of_map
-UNION ALL SELECT ROW (of_map, 0.9, 0.000001, 0, 10, 86400, 0.95, 0.1, 0.5, 4)::semmap.belief_model LIMIT 1;
+UNION ALL SELECT ROW (of_map, 0.9, 0.000001, 0, 10, 86400, 0.95, 0.1, 0.5, 4, 'UTC')::semmap.belief_model LIMIT 1;
 END;
 
 CREATE FUNCTION property_of(thing bigint, key text)
@@ -195,6 +195,42 @@ BEGIN ATOMIC
 SELECT coalesce(exp(sum(ln(l.lift))), 1) FROM semmap.lifts_of(thing) l WHERE l.about = 'moves';
 END;
 
+CREATE FUNCTION habits_of(things bigint[], places bigint[], priors double precision[])
+RETURNS TABLE (entity_id bigint, moves double precision[], by_part double precision[]) LANGUAGE plpgsql STABLE ROWS 100 COST 10000
+SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- Of the things whose hours were learned: how many times as often as in the whole day each moves in the parts of the day, and
+-- the priors of its places, in their order, one part after the other. Things, places and priors are triples.
+BEGIN
+    RETURN QUERY
+    WITH lifted AS MATERIALIZED (
+        SELECT t.id, l.about, coalesce(l.word, l.word_id::text) AS word, u.n, sum(ln(u.lift)) AS lift
+        FROM (SELECT DISTINCT g.id FROM unnest(things) g (id)) t, LATERAL semmap.lifts_of(t.id) l,
+             unnest(l.by_part) WITH ORDINALITY u (lift, n) GROUP BY 1, 2, 3, 4
+    ), pair AS MATERIALIZED (
+        SELECT p.* FROM unnest(things, places, priors) p (id, place, prior) WHERE EXISTS (SELECT FROM lifted l WHERE l.id = p.id)
+    ), word AS MATERIALIZED (
+        SELECT w.place_id, w.about, coalesce(w.word, w.word_id::text) AS word
+        FROM semmap.place_words(ARRAY(SELECT DISTINCT p.place FROM pair p WHERE p.place IS NOT NULL)) w
+    ), lift AS MATERIALIZED (
+        SELECT l.id, w.place_id, l.n, exp(sum(l.lift)) AS lift
+        FROM word w JOIN lifted l ON l.about = w.about AND l.word = w.word GROUP BY 1, 2, 3
+    ), weighed AS (
+        SELECT p.id, n.n, p.place, p.prior, p.prior * coalesce(l.lift, 1) AS weight
+        FROM pair p JOIN (SELECT DISTINCT l.id, l.n FROM lifted l) n ON n.id = p.id
+        LEFT JOIN lift l ON l.id = p.id AND l.place_id = p.place AND l.n = n.n
+    ), summed AS (
+        SELECT w.*, sum(w.prior) FILTER (WHERE w.place IS NOT NULL) OVER (PARTITION BY w.id, w.n) AS known,
+               sum(w.weight) FILTER (WHERE w.place IS NOT NULL) OVER (PARTITION BY w.id, w.n) AS total FROM weighed w
+    ), share AS (
+        SELECT s.id, array_agg(CASE WHEN s.place IS NULL THEN s.prior ELSE coalesce(s.weight * s.known / nullif(s.total, 0), 0) END
+                               ORDER BY s.n, s.place) AS of_places
+        FROM summed s GROUP BY 1
+    )
+    SELECT s.id, m.lifts, s.of_places
+    FROM share s LEFT JOIN (SELECT l.id, array_agg(exp(l.lift) ORDER BY l.n) AS lifts FROM lifted l WHERE l.about = 'moves' GROUP BY 1) m
+    USING (id);
+END $$;
+
 CREATE FUNCTION prior_of(things bigint[], learned boolean DEFAULT true)
 RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
 SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
@@ -345,6 +381,65 @@ WHERE d.map_id = of_map AND (observer IS NOT NULL OR distance IS NOT NULL) AND (
 ORDER BY d.observer_id IS NULL, d.within NULLS LAST LIMIT 1;
 END;
 
+CREATE FUNCTION put_until(rates double precision[], by_part double precision[], clock double precision, seconds double precision)
+RETURNS double precision[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
+-- Where a thing is that moved in the seconds until a time on the clock of the building, by the part of the day in which it moved
+-- last, and, as one number more, how probable it did not move. It moves at `rates`, a second, to places by the priors of the part.
+DECLARE
+    parts CONSTANT integer := cardinality(rates);
+    places CONSTANT integer := cardinality(by_part) / cardinality(rates);
+    length CONSTANT double precision := 86400.0 / cardinality(rates);
+    least_rate CONSTANT double precision := 1e-14;  -- else the parts of a thing that never moves have no share
+    hour double precision := clock - 86400 * floor(clock / 86400);  -- seconds since midnight
+    days double precision := floor(least(seconds, 1e11) / 86400);
+    remaining double precision := CASE WHEN days > 0 THEN 86400 ELSE seconds END;
+    last double precision[] := array_fill(0::double precision, ARRAY[parts]);  -- of moves, by part
+    put double precision[] := array_fill(0::double precision, ARRAY[places + 1]);
+    due double precision := 0;  -- moves since then
+    kept double precision := 1;  -- of the chance that they leave, with the least rate
+    factor double precision;
+    piece double precision;
+    part integer;
+BEGIN
+    LOOP
+        IF remaining <= 0 THEN
+            EXIT WHEN days = 0;
+            factor := exp(greatest(days * ln(greatest(kept, 1e-26)), -60));  -- of all the days, of which this was the last
+            FOR part IN 1 .. parts LOOP
+                last[part] := last[part] * CASE WHEN 1 - kept > 1e-9 THEN (1 - factor) / (1 - kept) ELSE days END;
+            END LOOP;
+            kept := factor;
+            due := due * days;
+            remaining := least(seconds, 1e11) - 86400 * days;
+            days := 0;
+            CONTINUE;
+        END IF;
+        IF hour <= 0 THEN
+            hour := 86400;
+        END IF;
+        part := least(ceil(hour / length), parts);
+        piece := least(remaining, greatest(hour - (part - 1) * length, 1e-6));
+        factor := exp(-least(piece * greatest(rates[part], least_rate), 60));
+        last[part] := last[part] + kept * (1 - factor);
+        kept := kept * factor;
+        due := due + piece * rates[part];
+        hour := hour - piece;
+        remaining := remaining - piece;
+    END LOOP;
+    IF seconds <= 0 THEN
+        last[least(floor((clock - 86400 * floor(clock / 86400)) / length) + 1, parts)] := 1;
+    END IF;
+    factor := (SELECT sum(l) FROM unnest(last) l);
+    FOR part IN 1 .. parts LOOP
+        CONTINUE WHEN last[part] <= factor * 1e-30;
+        FOR i IN 1 .. places LOOP
+            put[i] := put[i] + last[part] / factor * by_part[(part - 1) * places + i];
+        END LOOP;
+    END LOOP;
+    put[places + 1] := exp(-least(due, 60));
+    RETURN put;
+END $$;
+
 CREATE FUNCTION belief_given(things bigint[], places bigint[], priors double precision[], moment timestamptz,
                              moves double precision DEFAULT NULL, looks boolean DEFAULT true)
 RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision, probability double precision)
@@ -353,7 +448,8 @@ SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_pl
 -- Where things were at a moment, by their priors (a thing, a place and a probability each) and all that was stated and
 -- observed until then, one after the other:
 --   in t seconds, a thing of mobility M stays with k = exp(-t M / moves), else it is put anywhere: p' = k p + (1 - k) prior;
---   M is lifted by what was learned, unless the caller says how often things move;
+--   M is lifted by what was learned, unless the caller says how often things move; as far as the map knows, the parts of the
+--   day have rates and priors of their own;
 --   before a sighting, k is at most 0.99: what is seen may just have been moved;
 --   where the map puts it, it is with the probability `stated`, else where it was before;
 --   an observation multiplies its place by P(seen | there) / P(seen | not there), and so for "not seen". Of a place that is
@@ -365,6 +461,14 @@ DECLARE
     at_place double precision[];
     total double precision;  -- of at_place
     since timestamptz;
+    rates double precision[];  -- in the parts of the day, where the map knows of them
+    by_part double precision[];  -- priors, one part after the other
+    parts integer;
+    first integer;  -- index before those of the part
+    put double precision[];  -- where it is if it moved in several parts
+    gap double precision;  -- seconds since then
+    hour double precision;  -- seconds since midnight
+    part integer;
     keep double precision;
     unmoved CONSTANT double precision := 0.99;  -- what is seen may just have been moved: people use it
     i integer;
@@ -375,9 +479,10 @@ BEGIN
             FROM unnest(things, places, priors) p (id, place, prior)
         ), thing AS MATERIALIZED (
             SELECT g.*, e.map_id, greatest(coalesce(semmap.property_of(g.id, 'mobility'), 1), 0) AS mobility,
-                   CASE WHEN belief_given.moves IS NULL THEN semmap.lift_of_moves(g.id) ELSE 1 END AS lift
+                   CASE WHEN belief_given.moves IS NULL THEN semmap.lift_of_moves(g.id) ELSE 1 END AS lift,
+                   CASE WHEN belief_given.moves IS NULL THEN h.moves END AS lifts, h.by_part
             FROM (SELECT p.id, array_agg(p.place ORDER BY p.n) AS places, array_agg(p.prior ORDER BY p.n) AS priors FROM pair p GROUP BY p.id) g
-            JOIN semmap.entity e ON e.id = g.id
+            JOIN semmap.entity e ON e.id = g.id LEFT JOIN semmap.habits_of(belief_given.things, belief_given.places, belief_given.priors) h ON h.entity_id = g.id
         ), spot AS MATERIALIZED (
             SELECT o.entity_id, o.place_id, o.inside, array_agg(p.n) AS hits
             FROM (SELECT DISTINCT o.entity_id, o.place_id, o.inside FROM thing t JOIN semmap.observation o ON o.entity_id = t.id
@@ -400,29 +505,58 @@ BEGIN
             FROM semmap.statements_about(things, places, moment) s JOIN pair p ON p.id = s.entity_id
              AND (p.place = ANY (s.place_ids) OR p.place IS NULL AND s.place_ids = ARRAY[NULL::bigint]) GROUP BY 1, 2
         )
-        SELECT t.id, t.places, t.priors, t.mobility * t.lift / coalesce(belief_given.moves, m.moves) AS rate, m.stated, v.at, v.hits, v.ratio
+        SELECT t.id, t.places, t.priors, t.mobility * t.lift / coalesce(belief_given.moves, m.moves) AS rate, t.lifts, t.by_part,
+               m.stated, m.time_zone, v.at, extract(epoch FROM v.at AT TIME ZONE m.time_zone)::double precision AS clock, v.hits, v.ratio
         FROM thing t LEFT JOIN evidence v ON v.entity_id = t.id, LATERAL semmap.belief_model_of(t.map_id) m
         ORDER BY t.id, v.at, v.number
     LOOP
         IF thing IS DISTINCT FROM step.id THEN
             IF thing IS NOT NULL THEN
-                RETURN QUERY SELECT * FROM semmap.belief_after(last.id, last.places, last.priors, at_place, last.rate, moment - since);
+                RETURN QUERY SELECT * FROM semmap.belief_after(last.id, last.places, last.priors, at_place, last.rate, moment - since,
+                                                               rates, by_part, moment AT TIME ZONE last.time_zone);
             END IF;
             thing := step.id;
+            by_part := coalesce(step.by_part, step.priors);
+            parts := cardinality(by_part) / cardinality(step.places);
+            rates := CASE WHEN step.by_part IS NOT NULL THEN
+                ARRAY(SELECT coalesce(step.lifts[n], 1) * step.rate FROM generate_series(1, parts) n ORDER BY n) END;
             at_place := step.priors;
+            IF step.at IS NOT NULL AND rates IS NOT NULL THEN
+                at_place := trim_array(semmap.put_until(rates, by_part, step.clock, 86400), 1);
+            END IF;
             total := 1;
             since := step.at;
         END IF;
         last := step;
         CONTINUE WHEN step.at IS NULL;
-        keep := exp(-least(extract(epoch FROM step.at - since)::double precision * step.rate, 60));
+        gap := extract(epoch FROM step.at - since);
+        put := NULL;
+        first := 0;
+        IF rates IS NULL THEN
+            keep := exp(-least(gap * step.rate, 60));
+        ELSE
+            hour := step.clock - 86400 * floor(step.clock / 86400);
+            part := floor(hour * parts / 86400.0);
+            IF hour - gap >= part * 86400.0 / parts THEN  -- all of the time is in one part
+                first := part * cardinality(at_place);
+                keep := exp(-least(gap * rates[part + 1], 60));
+            ELSE
+                put := semmap.put_until(rates, by_part, step.clock, gap);
+                keep := put[cardinality(put)];
+            END IF;
+        END IF;
         IF step.ratio > 1 AND step.rate > 0 AND step.at > since THEN
             keep := least(keep, unmoved);
         END IF;
         since := step.at;
-        IF keep < 1 THEN
+        IF keep < 1 AND put IS NULL THEN
             FOR i IN 1 .. cardinality(at_place) LOOP
-                at_place[i] := keep * at_place[i] / total + (1 - keep) * step.priors[i];
+                at_place[i] := keep * at_place[i] / total + (1 - keep) * by_part[first + i];
+            END LOOP;
+            total := 1;
+        ELSIF keep < 1 THEN
+            FOR i IN 1 .. cardinality(at_place) LOOP
+                at_place[i] := keep * at_place[i] / total + (1 - keep) * put[i];
             END LOOP;
             total := 1;
         END IF;
@@ -451,19 +585,28 @@ BEGIN
         END IF;
     END LOOP;
     IF thing IS NOT NULL THEN
-        RETURN QUERY SELECT * FROM semmap.belief_after(last.id, last.places, last.priors, at_place, last.rate, moment - since);
+        RETURN QUERY SELECT * FROM semmap.belief_after(last.id, last.places, last.priors, at_place, last.rate, moment - since,
+                                                       rates, by_part, moment AT TIME ZONE last.time_zone);
     END IF;
 END $$;
 
 CREATE FUNCTION belief_after(thing bigint, places bigint[], priors double precision[], at_place double precision[],
-                             rate double precision, since interval)
+                             rate double precision, since interval, rates double precision[], by_part double precision[], clock timestamp)
 RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision, probability double precision)
 LANGUAGE sql IMMUTABLE
 BEGIN ATOMIC
--- The belief some time after it was as some weights, if things are moved at a rate.
-SELECT thing, p.place, p.prior, k.keep * p.weight / sum(p.weight) OVER () + (1 - k.keep) * p.prior
-FROM unnest(places, priors, at_place) p (place, prior, weight),
-     LATERAL (SELECT coalesce(exp(-least(extract(epoch FROM since)::double precision * rate, 60)), 1)) k (keep);
+-- The belief some time after it was as some weights, if things are moved at a rate; with rates of the parts of the day, at a
+-- time on the clock of the building, and null for a thing of which nothing is known.
+WITH put AS MATERIALIZED (
+    SELECT semmap.put_until(rates, by_part, extract(epoch FROM clock)::double precision,
+                            coalesce(extract(epoch FROM since)::double precision, 86400)) AS at
+    WHERE rates IS NOT NULL
+)
+SELECT thing, p.place, p.prior, k.keep * p.weight / sum(p.weight) OVER () + (1 - k.keep) * coalesce(u.at[p.n], p.prior)
+FROM unnest(places, priors, at_place) WITH ORDINALITY p (place, prior, weight, n) LEFT JOIN put u ON true,
+     LATERAL (SELECT CASE WHEN since IS NULL THEN CASE WHEN rates IS NULL THEN 1 ELSE 0 END
+                          WHEN rates IS NULL THEN exp(-least(extract(epoch FROM since)::double precision * rate, 60))
+                          ELSE u.at[cardinality(u.at)] END) k (keep);
 END;
 
 CREATE FUNCTION belief_at(things bigint[], moment timestamptz, moves double precision DEFAULT NULL, looks boolean DEFAULT true)

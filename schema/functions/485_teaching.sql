@@ -4,7 +4,7 @@
 CREATE FUNCTION is_used(of_table text, key jsonb)
 RETURNS boolean LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- Whether a row that was taught is used by others: a type by entities,
--- types or teachings, an entity by what was seen of it.
+-- types or teachings, an entity by what was seen of it, numbers of beliefs beside a time zone.
 SELECT CASE of_table
     WHEN 'semantic_type' THEN
         EXISTS (SELECT FROM semmap.entity e WHERE e.type = key ->> 'name')
@@ -14,6 +14,8 @@ SELECT CASE of_table
     WHEN 'entity' THEN
         EXISTS (SELECT FROM semmap.observation o WHERE (key ->> 'id')::bigint IN (o.entity_id, o.place_id))
         OR EXISTS (SELECT FROM semmap.placement p WHERE (key ->> 'id')::bigint IN (p.entity_id, p.holder_id))
+    WHEN 'belief_model' THEN
+        EXISTS (SELECT FROM semmap.belief_model m WHERE m.map_id = (key ->> 'map_id')::integer AND m.time_zone <> 'UTC')
     ELSE false END
 $$;
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.checked import EntityName
@@ -76,6 +76,30 @@ class MapBeliefs(MapQuestions):
             estimates = belief_with_occlusion(seen, names, moment)
         return found | {name: found[name].revised(of) for name, of in estimates.items()}
 
+    def which(
+        self, kind: EntityName, place: EntityName, at: datetime | None = None
+    ) -> dict[str, float]:
+        """Which object of a type was in or on a place: its probability by name, largest first.
+
+        Looks and statements since then count, too: what is seen there today was probably there
+        yesterday evening.
+
+        Parameters
+        ----------
+        kind : a type; or one object
+        place : a place, or what holds places, as a room or storey
+        at : local without a time zone, by default now; it may be later
+
+        Raises
+        ------
+        LookupError, ValueError
+            The map has no such place or object; or it is an agent.
+        """
+        from semmap.belief.store.was_there import which
+
+        with self.snapshot() as seen:
+            return which(seen, kind, place, aware(at) or datetime.now(UTC))
+
     def initial_belief(
         self, names: Sequence[EntityName], at: datetime | None = None
     ) -> dict[str, list[Any]]:
@@ -127,8 +151,8 @@ class MapBeliefs(MapQuestions):
             rates = {"hit": hit, "false_alarm": false_alarm, "new": new}
             return identify(seen, detections, frame=frame, at=aware(at), motion=motion, **rates)
 
-    def learn_belief(self, hold_out: float = 0.0) -> LearnedBelief:
-        """Learn from the map's history where things are kept, and how often they move.
+    def learn_belief(self, hold_out: float = 0.0, time_zone: str | None = None) -> LearnedBelief:
+        """Learn from the map's history where things are kept, and how often they move, and when.
 
         With the rates of detectors: of looks of agents that state none. What was learned before is
         replaced, and beliefs follow. Learn again, each night or so, as the history grows.
@@ -137,17 +161,19 @@ class MapBeliefs(MapQuestions):
         ----------
         hold_out : days; what the history before the last ones teaches is judged by their looks,
             until the last look
+        time_zone : of the building, by whose clock people live, as `Europe/Berlin`; the map keeps
+            it, and has UTC at first
 
         Raises
         ------
         ValueError
             The map has no history of objects, no looks to judge by, or nothing before these days;
-            this login may not learn; or another session learns.
+            the time zone is unknown; this login may not learn; or another session learns.
         """
         from semmap.belief.store.learning import learn_belief
 
         with self.transaction(), self.snapshot() as seen:
-            return learn_belief(seen, hold_out)
+            return learn_belief(seen, hold_out, time_zone)
 
     def forget_learned(self) -> int:
         """Delete what `learn_belief` learned; returns how many lifts. Beliefs follow.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.checked import EntityName
@@ -23,10 +24,10 @@ class SentenceAnswer:
     ----------
     sentence : with the names as the map writes them
     text : the answer in words
-    result : of "where is", the `BelievedPlaces`; of "find", the `ObjectSearch`; of "bring", the
-        `MapPlan`; of "go to", the `MapRoute`; of an action, the list of `KnownAction` that ends
-        with it; whether something "is a" type, a bool; that something is in or on a place, its
-        probability
+    result : of "where is", the `BelievedPlaces`; of "which", the probabilities by name; of "find",
+        the `ObjectSearch`; of "bring", the `MapPlan`; of "go to", the `MapRoute`; of an action, the
+        list of `KnownAction` that ends with it; whether something "is a" type, a bool; that
+        something is in or on a place, its probability
     """
 
     sentence: str
@@ -81,8 +82,35 @@ Answered = tuple[str, Any]
 
 def _where(house: MapSentences, names: Names, options: Options) -> Answered:
     found = house.where(names[0])
-    most = ", ".join(f"{place} {share:.2f}" for place, share in [*found.items()][:3])
-    return f"{names[0]}: {most}", found
+    return f"{names[0]}: {_most(found)}", found
+
+
+_NEXT_HOUR = """
+SELECT (d.at + CASE WHEN d.at > n.now THEN interval '0' ELSE interval '1 day' END)
+       AT TIME ZONE m.time_zone
+FROM belief_model_of(current_map()) m, LATERAL (SELECT now() AT TIME ZONE m.time_zone) n (now),
+     LATERAL (SELECT date_trunc('day', n.now) + make_interval(hours => %s)) d (at)
+"""
+
+
+def _where_at(house: MapSentences, names: Names, options: Options) -> Answered:
+    """At the next such hour, by the clock of the building."""
+    from semmap.belief.grammar import HOURS
+
+    ((at,),) = house.execute(_NEXT_HOUR, HOURS.index(names[1]))
+    found = house.where(names[0], at)
+    return f"{names[0]}: {_most(found)}", found
+
+
+def _which(house: MapSentences, names: Names, options: Options) -> Answered:
+    """At this time yesterday."""
+    kind, place = names
+    found = house.which(kind, place, datetime.now(UTC) - timedelta(days=1))
+    return _most(found), found
+
+
+def _most(found: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {share:.2f}" for name, share in [*found.items()][:3])
 
 
 def _find(house: MapSentences, names: Names, options: Options) -> Answered:
@@ -175,5 +203,8 @@ ANSWERS: tuple[Callable[[MapSentences, Names, Options], Answered], ...] = (
     _where,
     _find,
     _bring,
+    _where_at,
+    _where_at,
+    _which,
 )
 """What answers each of `semmap.belief.grammar.SENTENCES`: the text and the result."""

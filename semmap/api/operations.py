@@ -182,6 +182,7 @@ OPERATIONS: tuple[Operation, ...] = (
     # where objects are, and what is known of them
     Operation("Map.where", "where", "reader"),
     Operation("Map.beliefs", "where", "reader"),
+    Operation("Map.which", "belief which", "reader"),
     Operation("Map.observe", "observe", "robot"),
     Operation("Map.observe_point", "observe", "robot"),
     Operation("Map.observe_view", "observe", "robot"),

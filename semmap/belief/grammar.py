@@ -10,6 +10,8 @@ from semmap.belief.error import BeliefError
 FORMATS = ("gbnf", "jsgf")
 
 WHERE = "where is {the} <thing>"
+WHERE_AT = "where is {the} <thing> at <hour>"
+WHICH = "which <group> was {relation} {the} <place> yesterday"
 FIND = "find {the} <thing>"
 BRING = "bring {the} <thing> to {the} <place>"
 GO = "go to {the} <place>"
@@ -17,7 +19,9 @@ PLACED = "{the} <thing> is {relation} {the} <place>"
 THING_IS_A = "{the} <thing> is {a} <type>"
 TYPE_IS_A = "{a} <type> is {a} <type>"
 ACTION = "<action>"
-WHERE_ANY, FIND_ANY, BRING_ANY = (form.replace("thing", "kind") for form in (WHERE, FIND, BRING))
+WHERE_ANY, FIND_ANY, BRING_ANY, WHERE_ANY_AT = (
+    form.replace("thing", "kind") for form in (WHERE, FIND, BRING, WHERE_AT)
+)
 
 SENTENCES = (
     WHERE,
@@ -31,6 +35,9 @@ SENTENCES = (
     WHERE_ANY,
     FIND_ANY,
     BRING_ANY,
+    WHERE_AT,
+    WHERE_ANY_AT,
+    WHICH,
 )
 """The sentences; ``<x>`` is a name, ``{x}`` one of `CHOICES`."""
 
@@ -46,15 +53,28 @@ LISTS = {
     "type": "types",
     "action": "actions",
     "kind": "kinds",
+    "group": "groups",
+    "hour": "hours",
 }
+
+NUMBERS = ["one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven"]
+HOURS = (
+    "midnight",
+    *(f"{number} in the morning" for number in NUMBERS),
+    "noon",
+    *(f"{number} in the afternoon" for number in NUMBERS[:5]),
+    *(f"{number} in the evening" for number in NUMBERS[5:9]),
+    *(f"{number} at night" for number in NUMBERS[9:]),
+)
+"""The hours of the day, from midnight on."""
 
 
 def write_grammar(names: Mapping[str, Sequence[str]], format: str = "gbnf") -> str:
     """Return a grammar of commands and teachings about the names of a map.
 
-    `names` has `things`, `places`, `types`, `actions`, and `kinds`, the types of the things, which
-    stand for any of them; sentences about an empty list are left out. `BeliefError` if the format
-    is none of `FORMATS`, or there are no names at all.
+    `names` has `things`, `places`, `types`, `actions`, `groups`, the types of the things, `kinds`,
+    those that stand for any of them, and `hours`; sentences about an empty list are left out.
+    `BeliefError` if the format is none of `FORMATS`, or there are no names at all.
 
     Examples
     --------

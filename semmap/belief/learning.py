@@ -1,8 +1,7 @@
 """Learn from a map's history where things are kept, how often they move, and what detectors see.
 
-A thing is at one of its places, a hidden Markov chain as in the beliefs of the database: after
-exponentially distributed times it is put anywhere, by its prior. What the map states and what was
-looked for say where it was. Expectation maximisation (Baum and Welch) finds the moves, where they
+A thing is at one of its places, a hidden Markov chain (`semmap.belief.chain`). What the map states
+and what was looked for say where it was. Expectation maximisation finds the moves, where they
 ended, and how often a look saw what was there.
 
 What is learned are lifts: how many times as often as expected something happened to a subject,
@@ -14,80 +13,55 @@ and then the thing itself, so that a rare type has what its supertypes have; wor
 are the type of the room, the room, the type of the place, and the place. Few counts change
 little, many fit (the mean of a gamma distribution after Poisson counts: DuMouchel, "Bayesian data
 mining in large frequency tables", 1999). What was taught is in the prior that lifts start from.
+
+Habits follow the clock. The day has parts of equal length, in each of which things move at a rate
+and to places of its own: lifts by part, fitted after those of the whole day. The parts are apart
+(a piecewise constant hazard), or what they count is smoothed to a few waves of the day (a spectrum:
+Krajnik et al., "FreMEn", IEEE Transactions on Robotics 33, 2017).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-LEAST = 1e-200
-"""The least that a look leaves of a place: no number of looks is beyond doubt."""
-
-UNMOVED = 0.99
-"""The most that a thing stays before it is seen: what is seen may just have been moved."""
+from semmap.belief.chain import Smoothed, Track, smooth
 
 Floats = NDArray[np.float64]
 
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """What is known of one thing: n statements and looks, oldest first, at P places.
-
-    Parameters
-    ----------
-    subjects : what it is: types, the general ones first, and itself last
-    prior : (P,) before anything is learned; the last place is *elsewhere*
-    words : (P - 1, kinds) words about each place, the general kinds first; -1 for none
-    rate : moves a second, before anything is learned
-    at : (n,) seconds
-    hits : (n, P) where it was seen, looked for or put
-    told : (n,) whether the map states it; else it is a look
-    seen, visible : (n,) of looks
-    hit, false_alarm : (n,) rates of the detector of each look, as it states them
-    detector : (n,) which detector looked, a row of those of `learn`; -1 for nobody's
-    """
-
-    subjects: tuple[Hashable, ...]
-    prior: Floats
-    words: NDArray[np.intp]
-    rate: float
-    at: Floats
-    hits: NDArray[np.bool_]
-    told: NDArray[np.bool_]
-    seen: NDArray[np.bool_]
-    visible: Floats
-    hit: Floats
-    false_alarm: Floats
-    detector: NDArray[np.intp]
-
-    def until(self, moment: float) -> Track:
-        """The part of it before a moment."""
-        columns = ("at", "hits", "told", "seen", "visible", "hit", "false_alarm", "detector")
-        end = int(np.searchsorted(self.at, moment))
-        return replace(self, **{name: getattr(self, name)[:end] for name in columns})
+HOURLY = 2.0
+"""How many times as many counts the whole day is worth for a part of it."""
 
 
 @dataclass(frozen=True)
 class MoveLift:
-    """How many times as often as `expected` something was `seen`, with smoothing."""
+    """How many times as often as `expected` something was `seen`, with smoothing.
+
+    `by_part` (W,) are those of each part of the day, to the whole day; None for none.
+    """
 
     lift: float
     seen: float
     expected: float
+    by_part: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class WordLifts:
-    """The same for each word about places: (words,) each; 1 where nothing was expected."""
+    """The same for each word about places: (words,) each; 1 where nothing was expected.
+
+    `by_part` is (W, words).
+    """
 
     lift: Floats
     seen: Floats
     expected: Floats
+    by_part: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -110,107 +84,57 @@ class Learned:
     places: Mapping[tuple[Hashable, int], WordLifts]
     moves: Mapping[Hashable, MoveLift]
     detectors: Mapping[tuple[Hashable, ...], DetectorRates]
+    parts: int = 1
+    """Of the day: W."""
 
 
 NOTHING = Learned({}, {}, {})
 
 
-@dataclass(frozen=True, eq=False)
-class Smoothed:
-    """What a history says of the chain: the result of one pass forward and one back.
-
-    `forecast` (n, P) is the belief just before each entry, by those before it; `there` (n,) how
-    probable the thing was at the places of the entry, by all entries. `ends` (P,) counts the moves
-    by where they ended, with the first place; `moves` are those expected in `seconds`.
-    """
-
-    forecast: Floats
-    there: Floats
-    ends: Floats
-    moves: float
-    seconds: float
-
-
-def smooth(
-    track: Track, prior: Floats, rate: float, hit: Floats, false_alarm: Floats, stated: float
-) -> Smoothed:
-    """Return where a thing was, and when it moved, given all that is known of it.
-
-    `prior` (P,) and `rate` as in `Track`, `hit` and `false_alarm` (n,); what the map states is so
-    with the probability `stated`, else as it was before.
-    """
-    size, places = track.hits.shape
-    gap = np.diff(track.at, prepend=track.at[:1])
-    real = np.exp(-np.minimum(rate * gap, 60.0))
-    surprised = track.seen & ~track.told & (gap > 0) & (rate > 0)
-    keep = np.where(surprised, np.minimum(real, UNMOVED), real)
-    there = np.where(track.seen, hit, 1 - track.visible * hit)[:, None]
-    elsewhere = np.where(track.seen, false_alarm, 1 - track.visible * false_alarm)[:, None]
-    likely = np.where(track.hits, there, elsewhere)
-    target = np.zeros((size, places))  # where the thing is, if what the map states is so
-    told = track.told.copy()
-
-    forecast, before, after = np.empty((3, size, places))
-    belief = prior
-    for i in range(size):
-        forecast[i] = real[i] * belief + (1 - real[i]) * prior
-        before[i] = keep[i] * belief + (1 - keep[i]) * prior
-        if track.told[i]:
-            belief = before[i] * track.hits[i]
-            told[i] = belief.any()  # else it is no place of the thing
-            target[i] = belief / belief.sum() if told[i] else 0.0
-            belief = (1 - stated) * before[i] + stated * target[i] if told[i] else before[i]
-        else:
-            belief = np.maximum(before[i] * likely[i], np.minimum(before[i], LEAST))
-            belief = belief / belief.sum()
-        after[i] = belief
-
-    ends, moves = np.zeros(places), 0.0
-    was_there = np.empty(size)
-    later = np.ones(places)
-    for i in reversed(range(size)):
-        posterior = after[i] * later
-        was_there[i] = posterior[track.hits[i]].sum() / posterior.sum()
-        if told[i]:
-            arrived = target[i] * later
-            put = stated * arrived.sum()
-            came = before[i][~track.hits[i]].sum() * put
-            came /= (1 - stated) * (before[i] @ later) + put
-            ends += came * arrived / arrived.sum()
-            moves += came
-            later = (1 - stated) * later + put
-        elif not track.told[i]:
-            later = likely[i] * later
-        moved = prior * later
-        if keep[i] < 1 and moved.any():
-            share = (1 - real[i]) / (1 - keep[i])
-            jumped = (1 - keep[i]) * moved.sum() / (before[i] @ later)
-            ends += share * jumped * moved / moved.sum()
-            moves += jumped * rate * gap[i] / (1 - keep[i])
-        later = keep[i] * later + (1 - keep[i]) * moved.sum()
-        later = np.maximum(later / later.max(), LEAST)
-    ends += prior * later / (prior @ later)
-    return Smoothed(forecast, was_there, ends, moves, float(gap.sum()))
-
-
 def lifted_prior(track: Track, learned: Learned) -> Floats:
     """The prior of a thing (P,) with what was learned; the share of *elsewhere* stays."""
-    weight = track.prior[:-1].copy()
-    for subject in track.subjects:
-        for kind, words in enumerate(track.words.T):
-            found = learned.places.get((subject, kind))
-            if found is not None:
-                known = (words >= 0) & (words < len(found.lift))
-                weight[known] *= found.lift[words[known]]
-    total = weight.sum()
-    share = weight * ((1 - track.prior[-1]) / total) if total > 0 else weight
-    return np.append(share, track.prior[-1])
+    return _share(track, _lift_of_places(track, learned))
 
 
 def lifted_rate(track: Track, learned: Learned) -> float:
     """The moves of a thing in a second, with what was learned."""
     lifts = [learned.moves[one].lift for one in track.subjects if one in learned.moves]
     return float(track.rate * np.prod(lifts))
+
+
+def habits(track: Track, learned: Learned) -> tuple[Floats, Floats]:
+    """The priors (W, P) and moves in a second (W,) of a thing in each part of the day."""
+    lift = _lift_of_places(track, learned)
+    by_part = np.ones((learned.parts, len(lift)))
+    rates = np.full(learned.parts, lifted_rate(track, learned))
+    for subject in track.subjects:
+        moves = learned.moves.get(subject)
+        if moves is not None and moves.by_part is not None:
+            rates *= moves.by_part
+        for kind, words in enumerate(track.words.T):
+            found = learned.places.get((subject, kind))
+            if found is not None and found.by_part is not None:
+                known = (words >= 0) & (words < len(found.lift))
+                by_part[:, known] *= found.by_part[:, words[known]]
+    return np.array([_share(track, lift * one) for one in by_part]), rates
+
+
+def _lift_of_places(track: Track, learned: Learned) -> Floats:
+    lift = np.ones(len(track.prior) - 1)
+    for subject in track.subjects:
+        for kind, words in enumerate(track.words.T):
+            found = learned.places.get((subject, kind))
+            if found is not None:
+                known = (words >= 0) & (words < len(found.lift))
+                lift[known] *= found.lift[words[known]]
+    return lift
+
+
+def _share(track: Track, lift: Floats) -> Floats:
+    weight = track.prior[:-1] * lift
+    total = weight.sum()
+    share = weight * ((1 - track.prior[-1]) / total) if total > 0 else weight
+    return np.append(share, track.prior[-1])
 
 
 def detector_rates(
@@ -236,6 +160,7 @@ def learn(
     strength: float = 5.0,
     most: float = 20.0,
     rounds: int = 15,
+    day: Floats | None = None,
 ) -> Learned:
     """Learn from the tracks of a map's things.
 
@@ -247,6 +172,8 @@ def learn(
     strength : how many counts the expected is worth
     most : counts of one thing that its types learn from
     rounds : of expectation and maximisation
+    day : (W, W) how counts of the parts of the day are smoothed, as `parts_of_day` or
+        `waves_of_day` say; None for habits that have no hours
 
     Examples
     --------
@@ -258,20 +185,37 @@ def learn(
     array([0.33, 0.47, 0.2 ])
     """
     used = [track for track in tracks if len(track.at)]
-    learned = NOTHING
-    for _ in range(rounds):
+    day = parts_of_day(1) if day is None else day
+    learned = replace(NOTHING, parts=len(day))
+    for _ in range(rounds if used else 0):
         found = []
         for track in used:
             rates = detector_rates(track, detectors, learned)
-            prior, rate = lifted_prior(track, learned), lifted_rate(track, learned)
-            found.append((smooth(track, prior, rate, *rates, stated), *rates))
+            found.append((smooth(track, *habits(track, learned), *rates, stated), *rates))
         passes = [one for one, _, _ in found]
-        learned = Learned(
-            _lifts_of_places(used, [one.ends[:-1] for one in passes], strength, most),
-            _lifts_of_moves(used, passes, strength, most),
-            _rates_of_detectors(used, found, detectors, strength),
-        )
+        places, moves = _lifts(used, passes, strength, most, day)
+        rates_of = _rates_of_detectors(used, found, detectors, strength)
+        learned = Learned(places, moves, rates_of, len(day))
     return learned
+
+
+def parts_of_day(parts: int) -> Floats:
+    """Parts of equal length that are apart: each has what it counts. (parts, parts)."""
+    return np.eye(parts)
+
+
+def waves_of_day(waves: int, parts: int = 24) -> Floats:
+    """Counts of parts as sums of waves: of a day, of half a day, and so on. (parts, parts).
+
+    >>> waves_of_day(0, 4)[0]
+    array([0.25, 0.25, 0.25, 0.25])
+    """
+    turn = 2 * np.pi * np.arange(parts) / parts
+    lag = turn[:, None] - turn
+    found = np.full((parts, parts), 1 / parts)
+    for wave in range(1, waves + 1):
+        found += 2 / parts * np.cos(wave * lag)
+    return found
 
 
 def _subjects(tracks: Sequence[Track]) -> list[tuple[Hashable, list[int]]]:
@@ -294,56 +238,110 @@ def _subjects(tracks: Sequence[Track]) -> list[tuple[Hashable, list[int]]]:
     return [(one, of[one]) for one in [*types, *(track.subjects[-1] for track in tracks)]]
 
 
-def _weights(counts: Sequence[float], rows: Sequence[int], most: float, single: bool) -> Floats:
-    """How much of the counts of each row a subject takes: a type at most `most` of one thing."""
-    total = np.array([counts[row] for row in rows])
-    return np.ones(len(rows)) if single else np.minimum(1.0, most / np.maximum(total, most))
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """How lifts are fitted, one after the other: each to what those before it lead to."""
+
+    tracks: Sequence[Track]
+    strength: float
+    most: float
+
+    def places(
+        self, ends: Sequence[Floats], shares: list[Floats], day: Floats
+    ) -> dict[tuple[Hashable, int], tuple[Floats, Floats, Floats]]:
+        """The lift, seen and expected (W, words) of words, by moves that ended (W, P) at places.
+
+        `shares` (W, P) are what they are compared with, and then what they lead to.
+        """
+        totals = [count.sum(axis=1, keepdims=True) for count in ends]
+        size = 1 + max(int(track.words.max(initial=-1)) for track in self.tracks)
+        found = {}
+        for subject, rows, weights in self._subjects([float(one.sum()) for one in totals]):
+            for kind in range(self.tracks[rows[0]].words.shape[1]):
+                seen, expected = np.zeros((2, len(day), size))
+                for row, weight in zip(rows, weights, strict=True):
+                    words = self.tracks[row].words[:, kind]
+                    known = words >= 0
+                    due = totals[row] * shares[row]
+                    np.add.at(seen.T, words[known], weight * ends[row][:, known].T)
+                    np.add.at(expected.T, words[known], weight * due[:, known].T)
+                lift = self._lift(seen, expected, day)
+                found[subject, kind] = lift, seen, expected
+                for row in rows:
+                    words = self.tracks[row].words[:, kind]
+                    shares[row] = shares[row] * np.where(words >= 0, lift[:, words], 1.0)
+                    shares[row] /= np.maximum(shares[row].sum(axis=1, keepdims=True), 1e-300)
+        return found
+
+    def moves(
+        self, counts: Sequence[Floats], due: list[Floats], day: Floats
+    ) -> dict[Hashable, tuple[Floats, Floats, Floats]]:
+        """The lift, seen and expected (W,) of moves, that are compared with those that are due."""
+        found: dict[Hashable, tuple[Floats, Floats, Floats]] = {}
+        for subject, rows, weights in self._subjects([float(one.sum()) for one in counts]):
+            seen, expected = (
+                weights @ np.array([many[row] for row in rows]) for many in (counts, due)
+            )
+            if expected.sum() > 0:
+                lift = self._lift(seen, expected, day)
+                found[subject] = lift, seen, expected
+                for row in rows:
+                    due[row] = due[row] * lift
+        return found
+
+    def _subjects(self, counts: Sequence[float]) -> Iterator[tuple[Hashable, list[int], Floats]]:
+        """The subjects in their order, with the rows of their tracks, and how much each counts.
+
+        A type takes at most `most` of one thing.
+        """
+        for subject, rows in _subjects(self.tracks):
+            weights = np.ones(len(rows))
+            if subject != self.tracks[rows[0]].subjects[-1]:
+                own = np.array([counts[row] for row in rows])
+                weights = np.minimum(1.0, self.most / np.maximum(own, self.most))
+            yield subject, rows, weights
+
+    def _lift(self, seen: Floats, expected: Floats, day: Floats) -> Floats:
+        """The lift of each part of the day, by counts (W, ...) that are smoothed along the day."""
+        worth = self.strength * float(np.trace(day)) / len(day)
+        seen, expected = (np.maximum(day @ counts, 0.0) for counts in (seen, expected))
+        lift: Floats = (seen + worth) / (expected + worth)
+        return lift
 
 
-def _lifts_of_places(
-    tracks: Sequence[Track], ends: Sequence[Floats], strength: float, most: float
-) -> dict[tuple[Hashable, int], WordLifts]:
-    """Fit the lifts one after the other: each to what those before it lead to."""
-    totals = [float(count.sum()) for count in ends]
-    share = [track.prior[:-1] / max(track.prior[:-1].sum(), 1e-300) for track in tracks]
-    found: dict[tuple[Hashable, int], WordLifts] = {}
-    size = 1 + max((int(track.words.max(initial=-1)) for track in tracks), default=-1)
-    for subject, rows in _subjects(tracks):
-        weights = _weights(totals, rows, most, subject == tracks[rows[0]].subjects[-1])
-        for kind in range(tracks[rows[0]].words.shape[1]):
-            seen, expected = np.zeros((2, size))
-            for row, weight in zip(rows, weights, strict=True):
-                words = tracks[row].words[:, kind]
-                known = words >= 0
-                seen += weight * np.bincount(words[known], ends[row][known], size)
-                due = totals[row] * share[row][known]
-                expected += weight * np.bincount(words[known], due, size)
-            lift = (seen + strength) / (expected + strength)
-            found[subject, kind] = WordLifts(lift, seen, expected)
-            for row in rows:
-                words = tracks[row].words[:, kind]
-                share[row] = share[row] * np.where(words >= 0, lift[words], 1.0)
-                share[row] /= max(share[row].sum(), 1e-300)
-    return found
-
-
-def _lifts_of_moves(
-    tracks: Sequence[Track], passes: Sequence[Smoothed], strength: float, most: float
-) -> dict[Hashable, MoveLift]:
-    """Fit how often things move, to what their mobility leads to."""
-    found: dict[Hashable, MoveLift] = {}
-    due = [track.rate * one.seconds for track, one in zip(tracks, passes, strict=True)]
-    for subject, rows in _subjects(tracks):
-        counts = [one.moves for one in passes]
-        weights = _weights(counts, rows, most, subject == tracks[rows[0]].subjects[-1])
-        seen = float(weights @ [counts[row] for row in rows])
-        expected = float(weights @ [due[row] for row in rows])
-        if expected > 0:
-            lift = (seen + strength) / (expected + strength)
-            found[subject] = MoveLift(lift, seen, expected)
-            for row in rows:
-                due[row] *= lift
-    return found
+def _lifts(
+    tracks: Sequence[Track],
+    passes: Sequence[Smoothed],
+    strength: float,
+    most: float,
+    day: Floats,
+) -> tuple[dict[tuple[Hashable, int], WordLifts], dict[Hashable, MoveLift]]:
+    """Fit the lifts of the whole day, and then what each part of the day is to it."""
+    fit, whole, parts = _Fit(tracks, strength, most), parts_of_day(1), len(day)
+    ends = [one.ends[:, :-1] for one in passes]
+    shares = [track.prior[None, :-1] / max(track.prior[:-1].sum(), 1e-300) for track in tracks]
+    places = fit.places([one.sum(axis=0, keepdims=True) for one in ends], shares, whole)
+    seconds = [one.seconds for one in passes]
+    due = [np.array([track.rate * s.sum()]) for track, s in zip(tracks, seconds, strict=True)]
+    moves = fit.moves([one.moves.sum(keepdims=True) for one in passes], due, whole)
+    by_part: dict[Any, Any] = {}
+    if parts > 1:
+        fit = replace(fit, strength=HOURLY * strength)
+        by_part |= fit.places(ends, [np.repeat(one, parts, axis=0) for one in shares], day)
+        rates = [d / max(s.sum(), 1e-300) for d, s in zip(due, seconds, strict=True)]
+        due = [rate * s for rate, s in zip(rates, seconds, strict=True)]
+        by_part |= fit.moves([one.moves for one in passes], due, day)
+    hours = {key: lift for key, (lift, _, _) in by_part.items()}
+    return (
+        {
+            key: WordLifts(lift[0], seen[0], expected[0], hours.get(key))
+            for key, (lift, seen, expected) in places.items()
+        },
+        {
+            key: MoveLift(float(lift[0]), float(seen[0]), float(expected[0]), hours.get(key))
+            for key, (lift, seen, expected) in moves.items()
+        },
+    )
 
 
 def _rates_of_detectors(
@@ -398,8 +396,7 @@ def predicted_sightings(
     By the entries before it alone, so that looks after those that were learned from are a test.
     """
     hit, false_alarm = detector_rates(track, detectors, learned)
-    prior, rate = lifted_prior(track, learned), lifted_rate(track, learned)
-    found = smooth(track, prior, rate, hit, false_alarm, stated)
+    found = smooth(track, *habits(track, learned), hit, false_alarm, stated)
     there = np.where(track.hits, found.forecast, 0.0).sum(axis=1)
     seen = track.visible * (there * hit + (1 - there) * false_alarm)
     return np.where(track.told, np.nan, seen)

@@ -18,6 +18,8 @@ from semmap.cli.texts import detections, json_value, numbers
 
 if TYPE_CHECKING:
     from semmap.belief.believed_places import BelievedPlaces
+    from semmap.belief.calibration import Calibration
+    from semmap.belief.store.learning import LearnedBelief
 
 OBSERVED = ("object", "place", "seen", "visible")
 COLUMNS = ("place", "probability", "holder", "last_seen", "last_missed")
@@ -175,6 +177,16 @@ def _observed(
     return dict(found)
 
 
+@command_of("Map.which")
+def _which(call: MethodCall, json_: Json = False) -> None:
+    """Show which object of a type was in or on a place.
+
+    semmap belief which mug table1 --at 2026-01-31T18:00
+    """
+    rows = [{"object": name, "probability": round(p, 4)} for name, p in call().items()]
+    show_table(rows, json_, ("object", "probability"))
+
+
 @command_of("Map.how_to")
 def _how(call: MethodCall, json_: Json = False) -> None:
     rows = [{"action": a.name, "cause": a.cause, "effect": a.effect} for a in call()]
@@ -186,7 +198,7 @@ def _show_kept(kept: Sequence[str]) -> None:
     print("taken back" + (f"; used or changed since, and kept: {', '.join(kept)}" if kept else ""))
 
 
-@command_of("Map.learn_belief", hold_out="DAYS")
+@command_of("Map.learn_belief", hold_out="DAYS", time_zone="ZONE")
 def _learn(
     call: MethodCall,
     draw: Path | None = Option(
@@ -197,7 +209,7 @@ def _learn(
 ) -> None:
     """Learn where things are kept, how often they move, and what looks see, from the history.
 
-    semmap belief learn; semmap belief learn --hold-out 7 --draw calibration.png
+    semmap belief learn --time-zone Europe/Berlin; semmap belief learn --hold-out 7
     """
     if draw is not None and not call.values.get("hold_out"):
         raise typer.BadParameter("--draw is for --hold-out")
@@ -211,15 +223,22 @@ def _learn(
         if found.detectors:
             names = ("observer", "within", "hit", "false_alarm", "there", "elsewhere")
             show_table(_rounded(found.detectors), False, names)
-        for name in ("before", "after"):
-            one = getattr(found, name)
-            if one is not None:
-                print(f"{name}: calibration error {one.error:.3f}, log score {one.log_score:.4f}")
+        for name, one in _judged(found).items():
+            print(f"{name}: calibration error {one.error:.3f}, log score {one.log_score:.4f}")
     if draw is not None:
         from semmap.belief.calibration import draw_calibrations
 
-        curves = {"nothing learned": found.before, "learned": found.after}
-        print(draw_calibrations(curves, draw), file=sys.stderr)
+        print(draw_calibrations(_judged(found), draw), file=sys.stderr)
+
+
+def _judged(found: LearnedBelief) -> dict[str, Calibration]:
+    """How well the days held out were known, by what was learned."""
+    curves = {
+        "nothing learned": found.before,
+        "learned, without hours": found.without_hours,
+        "learned": found.after,
+    }
+    return {name: one for name, one in curves.items() if one is not None}
 
 
 def _rounded(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -257,6 +276,7 @@ belief_command = group(
     printed("Map.initial_belief", print_json, names="NAME..."),
     _how,
     _identify,
+    _which,
     _learn,
     printed("Map.forget_learned", "{0} lifts forgotten"),
     printed("Map.list_teachings", ("id", "name", "facts", "by", "at")),

@@ -1,9 +1,7 @@
-"""What is learned from histories, against sums over all paths and lives whose truth is known."""
+"""What is learned from histories, against lives whose truth is known."""
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Hashable
 from dataclasses import replace
 
@@ -13,91 +11,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semmap.belief.calibration import calibrate
+from semmap.belief.chain import DAY, Track, smooth
 from semmap.belief.learning import (
     NOTHING,
-    UNMOVED,
     DetectorRates,
     Learned,
-    Track,
     WordLifts,
+    habits,
     learn,
     lifted_prior,
     lifted_rate,
+    parts_of_day,
     predicted_sightings,
-    smooth,
+    waves_of_day,
 )
-
-DAY = 86_400.0
-
-
-def random_track(random: np.random.Generator, size: int, places: int) -> Track:
-    """Looks and statements without a meaning."""
-    hits = np.zeros((size, places), bool)
-    hits[np.arange(size), random.integers(0, places, size)] = True
-    told = random.random(size) < 0.3
-    return Track(
-        ("thing",),
-        random.dirichlet(np.ones(places)),
-        np.arange(places - 1)[:, None],
-        1e-5,
-        np.sort(random.uniform(0, 3 * DAY, size)),
-        hits,
-        told,
-        ~told & (random.random(size) < 0.5),
-        random.uniform(0.2, 1, size),
-        random.uniform(0.5, 0.95, size),
-        random.uniform(0.01, 0.3, size),
-        np.full(size, -1),
-    )
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_smoothing_is_the_sum_over_all_paths(seed: int) -> None:
-    """A path has for each entry: moved or not, the place, put or not, and the place then."""
-    random = np.random.default_rng(seed)
-    size, places, stated, rate = 3, 3, 0.9, 2e-5
-    track = random_track(random, size, places)
-    prior = track.prior
-    track.at[1:] = track.at[0] + np.array([30.0, 2e4])  # in 30 s it stays but for the floor
-    found = smooth(track, prior, rate, track.hit, track.false_alarm, stated)
-
-    total, moves, ends, there = 0.0, 0.0, np.zeros(places), np.zeros(size)
-    steps = [*itertools.product((False, True), range(places), (False, True), range(places))]
-    for first in range(places):
-        for path in itertools.product(steps, repeat=size):
-            weight, was, counted, ended = float(prior[first]), first, 0.0, [(first, 1.0)]
-            for i, (moved, here, put, then) in enumerate(path):
-                gap = track.at[i] - track.at[i - 1] if i else 0.0
-                real = math.exp(-rate * gap)
-                keep = min(real, UNMOVED) if track.seen[i] and gap > 0 else real
-                weight *= (1 - keep) * prior[here] if moved else keep * (here == was)
-                if moved and keep < 1:
-                    counted += rate * gap / (1 - keep)  # with those that nobody can see
-                    ended.append((here, (1 - real) / (1 - keep)))
-                (spot,) = np.flatnonzero(track.hits[i])
-                if track.told[i]:
-                    weight *= stated * (then == spot) if put else (1 - stated) * (then == here)
-                    if put and here != spot:
-                        counted += 1
-                        ended.append((then, 1.0))
-                else:
-                    share = 1 if track.seen[i] else track.visible[i]
-                    chance = share * (track.hit if here == spot else track.false_alarm)[i]
-                    weight *= (chance if track.seen[i] else 1 - chance) * (then == here) * (not put)
-                was = then
-            if weight == 0:
-                continue
-            total += weight
-            moves += weight * counted
-            for place, share in ended:
-                ends[place] += weight * share
-            for i, (_, _, _, then) in enumerate(path):
-                there[i] += weight * bool(track.hits[i][then])
-    assert found.there == pytest.approx(there / total, abs=1e-9)
-    assert found.ends == pytest.approx(ends / total, abs=1e-9)
-    assert found.moves == pytest.approx(moves / total, abs=1e-9)
-    assert found.seconds == pytest.approx(track.at[-1] - track.at[0])
-
 
 KINDS = ("mug", "book")
 ROOMS = np.repeat([0, 1, 2], 4)
@@ -212,15 +139,6 @@ def test_sightings_of_later_days_are_foretold(life: Life, learned: Learned) -> N
     assert scores["after"].log_score < scores["before"].log_score
 
 
-def test_a_forecast_knows_nothing_of_its_look(life: Life) -> None:
-    track = life.tracks[0].until(2 * DAY)
-    last = len(track.at) - 1
-    other = replace(track, seen=track.seen ^ (np.arange(last + 1) == last))
-    args = track.prior, 1e-4, track.hit, track.false_alarm, 0.95
-    one, two = smooth(track, *args).forecast, smooth(other, *args).forecast
-    assert one == pytest.approx(two, abs=0)
-
-
 def test_what_nobody_has_seen_has_the_habits_of_its_type(life: Life, learned: Learned) -> None:
     for kind in KINDS:
         fresh = replace(life.tracks[0], subjects=("object", kind, "new"))
@@ -285,31 +203,6 @@ def test_a_lifted_prior_is_a_distribution(shares: list[float], lifts: list[float
     assert ratio / ratio[0] == pytest.approx(expected / expected[0])
 
 
-def test_no_number_of_looks_is_beyond_doubt() -> None:
-    """Two places in turn, of a thing that never moves: each likelihood alone would underflow."""
-    size = 1000
-    hits = np.zeros((size, 3), bool)
-    hits[: size // 2, 0] = hits[size // 2 :, 1] = True
-    flags, rates = np.ones(size, bool), (np.full(size, 0.9), np.full(size, 1e-6))
-    track = Track(
-        ("mug",),
-        np.array([0.4, 0.4, 0.2]),
-        np.array([[0], [1]]),
-        0.0,
-        np.arange(size) * 1.0,
-        hits,
-        ~flags,
-        flags,
-        flags * 1.0,
-        *rates,
-        np.full(size, -1),
-    )
-    found = smooth(track, track.prior, 0.0, *rates, 0.95)
-    assert found.forecast[-1] == pytest.approx([0, 1, 0], abs=1e-6)
-    assert np.isfinite(found.there).all()
-    assert found.ends.sum() == pytest.approx(1)
-
-
 def test_rates_of_a_detector_fall_back_to_the_general_ones(life: Life) -> None:
     known = Learned({}, {}, {(): DetectorRates(0.4, 0.01, 1, 1)})
     track = life.tracks[0].until(DAY)
@@ -337,3 +230,55 @@ def test_calibration_is_the_mean_of_groups(rows: list[tuple[int, bool]]) -> None
     gaps = np.abs(found.predicted - found.observed)
     assert found.error == pytest.approx((gaps * found.count).sum() / len(rows))
     assert found.brier_score == pytest.approx(np.mean((chance - true) ** 2))
+
+
+def live_by_hours(random: np.random.Generator, days: int) -> Track:
+    """A thing that is put at one of two places in the morning, and at two others in the evening."""
+    turns = (np.arange(days)[:, None] * 24 + random.normal((8, 20), 0.5, (days, 2))).ravel() * 3600
+    goals = np.stack([random.choice([0, 1], days), random.choice([2, 3], days)], axis=1).ravel()
+    at = np.sort(random.uniform(DAY, days * DAY, 30 * days))
+    where = goals[np.searchsorted(turns, at) - 1]
+    spots = random.integers(0, 6, len(at))
+    hits = np.zeros((len(at), 7), bool)
+    hits[np.arange(len(at)), spots] = True
+    chance = np.where(spots == where, 0.9, 0.01)
+    flags = np.zeros(len(at), bool)
+    seen = random.random(len(at)) < chance
+    rates = np.full(len(at), 0.9), np.full(len(at), 0.01)
+    words = np.arange(6)[:, None]
+    prior = np.append(np.full(6, 0.9 / 6), 0.1)
+    nobody = np.full(len(at), -1)
+    return Track(
+        ("mug",), prior, words, 2 / DAY, at, hits, flags, seen, flags + 1.0, *rates, nobody, -3600.0
+    )
+
+
+@pytest.mark.parametrize("day", [parts_of_day(8), parts_of_day(6), waves_of_day(3)])
+def test_habits_have_their_hours(day: np.ndarray) -> None:
+    """The clock is an hour behind: at 8 h of the track it is seven in the building."""
+    track = live_by_hours(np.random.default_rng(8), 30)
+    known = [track.until(24 * DAY)]
+    learned, steady = learn(known, day=day), learn(known)
+    later = track.at >= 24 * DAY
+    scores = [
+        calibrate(predicted_sightings(track, one)[later], track.seen[later]).log_score
+        for one in (learned, steady)
+    ]
+    assert scores[0] < 0.98 * scores[1]
+    prior, rate = habits(track, learned)
+    assert len(prior) == len(rate) == len(day)
+    morning, night = (int(hour / 24 * len(day)) for hour in (7.5, 19.5))
+    assert prior[morning, :2].sum() > 0.45 > 0.35 > prior[night, :2].sum()
+    assert rate[morning] > 1.5 * rate[int(14 / 24 * len(day))]
+    assert prior.sum(axis=1) == pytest.approx(np.ones(len(day)))
+    for one in habits(track, steady):
+        assert len(one) == 1
+
+
+def test_waves_are_those_of_a_spectrum() -> None:
+    random = np.random.default_rng(9)
+    for waves in (0, 1, 4):
+        counts = random.uniform(0, 5, 24)
+        spectrum = np.fft.rfft(counts)
+        spectrum[waves + 1 :] = 0
+        assert waves_of_day(waves) @ counts == pytest.approx(np.fft.irfft(spectrum, 24))

@@ -17,6 +17,8 @@ NAMES = {
     "types": ["mug", "tea_pot"],
     "actions": ["grasp"],
     "kinds": ["pot"],
+    "groups": ["pot"],
+    "hours": ["noon", "eight in the morning"],
 }
 
 
@@ -25,7 +27,7 @@ EVERY = generated(write_grammar(NAMES, "jsgf"))
 
 def test_all_forms_are_generated() -> None:
     # names, articles and relations, counted from the forms of the grammar
-    assert len(EVERY) == len({*EVERY}) == 4 + 4 + 16 + 4 + 32 + 16 + 16 + 1 + 2 + 2 + 8
+    assert len(EVERY) == len({*EVERY}) == 4 + 4 + 16 + 4 + 32 + 16 + 16 + 1 + 2 + 2 + 8 + 8 + 4 + 8
 
 
 @pytest.mark.parametrize("sentence", EVERY)

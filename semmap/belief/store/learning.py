@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,41 +17,57 @@ import psycopg
 from psycopg import errors
 
 from semmap.belief.calibration import Calibration, calibrate
+from semmap.belief.chain import DAY, Floats, Track
 from semmap.belief.error import BeliefError
-from semmap.belief.learning import NOTHING, Learned, Track, learn, predicted_sightings
+from semmap.belief.learning import (
+    NOTHING,
+    DetectorRates,
+    Learned,
+    MoveLift,
+    WordLifts,
+    learn,
+    parts_of_day,
+    predicted_sightings,
+)
 from semmap.query.snapshot import Snapshot
+from semmap.suggestions import suggestion
 
 ABOUT = ("room_type", "room", "place_type", "place")
 """What the words of a place are about, the general ones first."""
 
+PARTS = parts_of_day(6)
+"""Of the day, in which habits have rates and places of their own: four hours each."""
+
 PORTION = 200
 """Things whose priors are read at once: those of many take more than linear time."""
-
-DAY = 86_400.0
 
 _THINGS = """
 SELECT e.id, ARRAY(SELECT c.super FROM type_closure c WHERE c.sub = coalesce(e.type, e.kind)
                    ORDER BY (SELECT count(*) FROM type_closure n WHERE n.sub = c.super), c.super),
-       greatest(coalesce(property_of(e.id, 'mobility'), 1), 0) / m.moves, m.stated
+       greatest(coalesce(property_of(e.id, 'mobility'), 1), 0) / m.moves, m.stated, m.time_zone
 FROM entity e, belief_model_of(current_map()) m
 WHERE e.map_id = current_map() AND e.kind = 'object'
   AND coalesce(e.type, '') <> ALL (subtypes('building_element'))
-  AND (EXISTS (SELECT FROM observation o WHERE o.entity_id = e.id)
-       OR EXISTS (SELECT FROM placement_history h WHERE h.entity_id = e.id))
+  AND CASE WHEN %(things)s::bigint[] IS NOT NULL THEN e.id = ANY (%(things)s)
+           ELSE EXISTS (SELECT FROM observation o WHERE o.entity_id = e.id)
+             OR EXISTS (SELECT FROM placement_history h WHERE h.entity_id = e.id) END
 ORDER BY e.id
 """
 
-_PRIORS = "SELECT entity_id, place_id, prior FROM prior_of(%s, false) ORDER BY 1, 2 NULLS LAST"
+_PRIORS = "SELECT entity_id, place_id, prior FROM prior_of(%s, %s) ORDER BY 1, 2 NULLS LAST"
 
 _WORDS = "SELECT place_id, about, word, word_id FROM place_words(%s)"
 
 _STATEMENTS = """
-SELECT s.entity_id, extract(epoch FROM s.at)::float8, s.place_ids
+SELECT s.entity_id, extract(epoch FROM s.at)::float8,
+       extract(epoch FROM s.at AT TIME ZONE %s::text - s.at AT TIME ZONE 'UTC')::float8, s.place_ids
 FROM statements_about(%s, %s, clock_timestamp(), false) s
 """
 
 _LOOKS = """
-SELECT o.entity_id, extract(epoch FROM o.at)::float8, o.place_id, o.inside, o.seen, o.visible,
+SELECT o.entity_id, extract(epoch FROM o.at)::float8,
+       extract(epoch FROM o.at AT TIME ZONE %s::text - o.at AT TIME ZONE 'UTC')::float8,
+       o.place_id, o.inside, o.seen, o.visible,
        coalesce(o.hit, m.there + m.change), coalesce(o.false_alarm, m.elsewhere - m.change),
        CASE WHEN o.hit IS NULL AND o.false_alarm IS NULL THEN o.observer_id END,
        look_within(o.distance)
@@ -64,6 +81,15 @@ WHERE p.id = b.outer_id OR is_held_by(p.id, b.outer_id)
 """
 
 
+_HAS_LEARNED = "SELECT EXISTS (SELECT FROM learned_lift WHERE map_id = current_map())"
+
+_CLOCK = """
+SELECT extract(epoch FROM %(at)s::timestamptz)::float8,
+    extract(epoch FROM %(at)s::timestamptz AT TIME ZONE %(zone)s::text
+                       - %(at)s::timestamptz AT TIME ZONE 'UTC')::float8
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class LearnedBelief:
     """What was learned from the history of a map.
@@ -72,12 +98,14 @@ class LearnedBelief:
     ----------
     things, statements, looks : how many it was learned from
     lifts : rows of `subject` (a type or thing), `about`, `word`, `lift`, and the counts `seen` and
-        `expected`: so many times as often as expected it was there, or moved
+        `expected`: so many times as often as expected it was there, or moved; `by_part` is how many
+        times as often as in the whole day in each part of it, from midnight on
     detectors : rows of `observer`, `within` (metres), `hit`, `false_alarm`, and how many looks at
         where things were (`there`) and were not (`elsewhere`) they are from; None stands for all
-    before, after : with days held out, how well it was known before each look of these days
-        whether it would see the thing: with nothing learned and no former placements in the prior,
-        and with what was learned from the other days
+    before, without_hours, after : with days held out, how well it was known before each look of
+        these days whether it would see the thing: with nothing learned and no former placements in
+        the prior, and with what was learned from the other days, without the hours of habits and
+        with them
     """
 
     things: int
@@ -86,12 +114,14 @@ class LearnedBelief:
     lifts: list[dict[str, Any]]
     detectors: list[dict[str, Any]]
     before: Calibration | None = None
+    without_hours: Calibration | None = None
     after: Calibration | None = None
 
     def as_json(self) -> dict[str, Any]:
         """All of it as plain values."""
-        judged = {"before": self.before, "after": self.after}
-        return vars(self) | {name: one and one.as_json() for name, one in judged.items()}
+        judged = ("before", "without_hours", "after")
+        curves = {name: getattr(self, name) for name in judged}
+        return vars(self) | {name: one and one.as_json() for name, one in curves.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,23 +134,27 @@ class History:
     stated: float
 
 
-def learn_belief(seen: Snapshot, hold_out: float = 0.0) -> LearnedBelief:
+def learn_belief(
+    seen: Snapshot, hold_out: float = 0.0, time_zone: str | None = None
+) -> LearnedBelief:
     """Learn from the history of the map, and keep it; beliefs follow in the same transaction.
 
-    With `hold_out` days, what was learned without them is judged by them first. `BeliefError` if
-    the map has no history, no looks or nothing before these days, or for a login that may not do
-    this.
+    With `hold_out` days, what was learned without them is judged by them first. A `time_zone` is
+    that of the map from now on. `BeliefError` if it is unknown, if the map has no history, no looks
+    or nothing before these days, or for a login that may not do this.
     """
     if not (math.isfinite(hold_out) and hold_out >= 0):
         raise BeliefError(f"hold_out is {hold_out:g}: give days, at least 0")
+    if time_zone is not None:
+        _check_zone(seen.session, time_zone)
     _lock(seen.session)
-    history = read_history(seen)
+    history = read_history(seen, time_zone=time_zone)
     tracks, detectors, stated = history.tracks, history.detectors, history.stated
     if not tracks:
         raise BeliefError(
             "the map has no history of things: observe objects, or move them, and learn then"
         )
-    before = after = None
+    judged: list[Calibration] = []
     if hold_out:
         latest = max((t for track in tracks for t in track.at[~track.told].tolist()), default=None)
         if latest is None:
@@ -128,9 +162,13 @@ def learn_belief(seen: Snapshot, hold_out: float = 0.0) -> LearnedBelief:
         cut = latest - hold_out * DAY
         if not any((track.at < cut).any() for track in tracks):
             raise BeliefError("nothing is known before the days that are held out: hold out fewer")
-        earlier = learn([track.until(cut) for track in tracks], detectors, stated=stated)
-        before, after = (_judge(history, one, cut) for one in (NOTHING, earlier))
-    learned = learn(tracks, detectors, stated=stated)
+        known = [track.until(cut) for track in tracks]
+        steady = learn(known, detectors, stated=stated)
+        earlier = learn(known, detectors, stated=stated, day=PARTS)
+        judged = [_judge(history, one, cut) for one in (NOTHING, steady, earlier)]
+    learned = learn(tracks, detectors, stated=stated, day=PARTS)
+    if time_zone is not None:
+        seen.session.execute(_KEEP_ZONE, (time_zone,))
     _keep(seen.session, history, learned)
     told = sum(int(track.told.sum()) for track in tracks)
     return LearnedBelief(
@@ -139,8 +177,7 @@ def learn_belief(seen: Snapshot, hold_out: float = 0.0) -> LearnedBelief:
         sum(len(track.at) for track in tracks) - told,
         _rows(seen.session, _LIFTS),
         _rows(seen.session, _DETECTORS),
-        before,
-        after,
+        *judged,
     )
 
 
@@ -152,6 +189,15 @@ def _lock(session: psycopg.Connection[Any]) -> None:
         raise BeliefError(f"{error.diag.message_primary}: an admin of the map may learn") from error
     except errors.LockNotAvailable as error:
         raise BeliefError("another session learns: wait until it has ended") from error
+
+
+def _check_zone(session: psycopg.Connection[Any], time_zone: str) -> None:
+    """Refuse a time zone that is none of the names: PostgreSQL takes other texts, as UTC+2."""
+    known = session.execute("SELECT name FROM pg_timezone_names").fetchall()
+    names = [name for (name,) in known]
+    if time_zone not in names:
+        hint = suggestion(time_zone, names, "give a name as Europe/Berlin, or UTC")
+        raise BeliefError(f"there is no time zone {time_zone}{hint}")
 
 
 def forget_learned(session: psycopg.Connection[Any]) -> int:
@@ -176,10 +222,19 @@ def _judge(history: History, learned: Learned, cut: float) -> Calibration:
     return calibrate(np.concatenate(chance), np.concatenate(true))
 
 
-class _Entry(NamedTuple):
+class Question(NamedTuple):
+    """Whether objects were in or on a place at a time."""
+
+    things: Sequence[int]
+    place: int
+    at: datetime
+
+
+class HistoryEntry(NamedTuple):
     """A statement or look, as the columns of `Track` have it; None is elsewhere."""
 
     at: float
+    clock: float
     told: bool
     places: Sequence[int | None]
     seen: bool = False
@@ -189,48 +244,69 @@ class _Entry(NamedTuple):
     detector: int = -1
 
 
-def read_history(seen: Snapshot) -> History:
-    """Read what the map knows of where its objects were, parts of the building left out."""
+def read_history(
+    seen: Snapshot, asked: Question | None = None, time_zone: str | None = None
+) -> History:
+    """Read what the map knows of where its objects were, parts of the building left out.
+
+    All objects with a history, by the clock of a time zone, by default the map's; or those that are
+    `asked` about, each with a look at nothing that is the question.
+    """
     session = seen.session
-    things = session.execute(_THINGS).fetchall()
-    ids = [row[0] for row in things]
+    things = None if asked is None else [*asked.things]
+    rows = session.execute(_THINGS, {"things": things}).fetchall()
+    zone = time_zone or rows[0][4] if rows else "UTC"
+    ids = [row[0] for row in rows]
+    former = asked is not None and not session.execute(_HAS_LEARNED).fetchall()[0][0]
     prior: dict[int, dict[int | None, float]] = defaultdict(dict)  # elsewhere is the last place
     for first in range(0, len(ids), PORTION):
-        for thing, place, share in session.execute(_PRIORS, (ids[first : first + PORTION],)):
+        portion = ids[first : first + PORTION]
+        for thing, place, share in session.execute(_PRIORS, (portion, former)):
             prior[thing][place] = share
     numbers, words = _words(session, {p for own in prior.values() for p in own if p is not None})
     pairs = [(thing, place) for thing in ids for place in prior[thing]]
-    told = session.execute(_STATEMENTS, [[pair[column] for pair in pairs] for column in (0, 1)])
-    entries: dict[int, list[_Entry]] = defaultdict(list)
-    for thing, at, places in told:
-        entries[thing].append(_Entry(at, True, places))
+    columns = [[pair[column] for pair in pairs] for column in (0, 1)]
+    entries: dict[int, list[HistoryEntry]] = defaultdict(list)
+    for thing, at, clock, places in session.execute(_STATEMENTS, [zone, *columns]):
+        entries[thing].append(HistoryEntry(at, clock, True, places))
     detectors: dict[tuple[Any, ...], int] = {}
-    looks = session.execute(_LOOKS, (ids,)).fetchall()
-    held = _held(session, {look[2] for look in looks if look[3]}, numbers)
-    for thing, at, place, inside, saw, visible, *rates, observer, within in looks:
+    looks = session.execute(_LOOKS, (zone, ids)).fetchall()
+    wide = {look[3] for look in looks if look[4]} | ({asked.place} if asked else set())
+    held = _held(session, wide, numbers)
+    for thing, at, clock, place, inside, saw, visible, *rates, observer, within in looks:
         detector = -1
         if observer is not None:
             names = (observer,) if within is None else (observer, within)
             detector = detectors.setdefault(names, len(detectors))
         places = held[place] if inside else [place]
         hit, false_alarm = rates
-        entry = _Entry(at, False, places, saw, visible, hit, false_alarm, detector)
+        entry = HistoryEntry(at, clock, False, places, saw, visible, hit, false_alarm, detector)
         entries[thing].append(entry)
+    question = []
+    if asked is not None:
+        ((at, clock),) = session.execute(_CLOCK, {"at": asked.at, "zone": zone}).fetchall()
+        question = [HistoryEntry(at, clock, False, held[asked.place], False, 0.0)]
     tracks = []
-    for thing, types, rate, _ in things:
+    for thing, types, rate, *_ in rows:
         known = [e for e in entries[thing] if not prior[thing].keys().isdisjoint(e.places)]
-        known = _without_echoes(sorted(known, key=lambda entry: (entry.at, entry.told)))
+        known = _without_echoes(sorted(known, key=_order))
+        if asked is not None:
+            known = sorted(_without_repeats(known, question[0].at) + question, key=_order)
         if known:
             tracks.append(_track((*types, thing), rate, prior[thing], numbers, known))
-    return History(tracks, words, list(detectors), things[0][3] if things else 0.0)
+    return History(tracks, words, list(detectors), rows[0][3] if rows else 0.0)
 
 
-def _without_echoes(entries: Sequence[_Entry]) -> list[_Entry]:
+def _order(entry: HistoryEntry) -> tuple[float, bool]:
+    return entry.at, entry.told
+
+
+def _without_echoes(entries: Sequence[HistoryEntry]) -> list[HistoryEntry]:
     """Entries in their order, without statements of what was seen just before.
 
     The map follows sightings: what it states then is what the sighting says.
     """
-    kept: list[_Entry] = []
+    kept: list[HistoryEntry] = []
     for entry in entries:
         last = kept[-1] if kept else None
         echo = entry.told and last is not None and last.seen and {*entry.places} & {*last.places}
@@ -239,14 +315,29 @@ def _without_echoes(entries: Sequence[_Entry]) -> list[_Entry]:
     return kept
 
 
+def _without_repeats(entries: Sequence[HistoryEntry], at: float) -> list[HistoryEntry]:
+    """Entries without those that state a place again, as beliefs leave them out: the last counts.
+
+    One before a time and one after it both count.
+    """
+    kept: list[HistoryEntry] = []
+    later: HistoryEntry | None = None
+    for entry in reversed(entries):
+        same = entry.told and later is not None and {*entry.places} == {*later.places}
+        if not same or later is None or entry.at <= at < later.at:
+            kept.append(entry)
+        later = entry if entry.told else later
+    return kept[::-1]
+
+
 def _track(
     subjects: tuple[Any, ...],
     rate: float,
     prior: Mapping[int | None, float],
     numbers: Mapping[int, list[int]],
-    entries: Sequence[_Entry],
+    entries: Sequence[HistoryEntry],
 ) -> Track:
-    at, told, _, seen, visible, hit, false_alarm, detector = zip(*entries, strict=True)
+    at, clock, told, _, seen, visible, hit, false_alarm, detector = zip(*entries, strict=True)
     words = [numbers[place] for place in prior if place is not None]
     return Track(
         subjects,
@@ -261,6 +352,7 @@ def _track(
         np.array(hit, np.float64),
         np.array(false_alarm, np.float64),
         np.array(detector, np.intp),
+        np.array(clock, np.float64),
     )
 
 
@@ -277,20 +369,29 @@ def _words(
 
 
 def _held(
-    session: psycopg.Connection[Any], outer: set[int], places: Mapping[int, object]
+    session: psycopg.Connection[Any], outer: set[int], places: Iterable[int]
 ) -> dict[int, list[int]]:
-    """The places in each of some rooms, storeys or pieces of furniture, itself among them."""
+    """Of some places, those in each of some rooms, storeys or pieces of furniture, and itself."""
     found: dict[int, list[int]] = {place: [] for place in outer}
     for place, inner in session.execute(_WITHIN_PLACE, (sorted(outer), sorted(places))):
         found[place].append(inner)
     return found
 
 
+_KEEP_ZONE = """
+INSERT INTO belief_model (map_id, time_zone) VALUES (current_map(), %s)
+ON CONFLICT (map_id) DO UPDATE SET time_zone = excluded.time_zone
+WHERE belief_model.time_zone <> excluded.time_zone
+"""
+
 _KEEP_LIFTS = """
-INSERT INTO learned_lift (map_id, type, entity_id, about, word, word_id, lift, seen, expected)
-SELECT current_map(), l.* FROM unnest(%s::text[], %s::bigint[], %s::text[], %s::text[],
-    %s::bigint[], %s::float8[], %s::float8[], %s::float8[])
-    l (type, thing, about, word, word_id, lift, seen, expected)
+INSERT INTO learned_lift
+    (map_id, type, entity_id, about, word, word_id, lift, seen, expected, by_part)
+SELECT current_map(), l.type, l.thing, l.about, l.word, l.word_id, l.lift, l.seen, l.expected,
+       l.by_part::float8[]
+FROM unnest(%s::text[], %s::bigint[], %s::text[], %s::text[], %s::bigint[], %s::float8[],
+    %s::float8[], %s::float8[], %s::text[])
+    l (type, thing, about, word, word_id, lift, seen, expected, by_part)
 WHERE (l.thing IS NULL OR EXISTS (SELECT FROM entity e WHERE e.id = l.thing))  -- deleted meanwhile
   AND (l.word_id IS NULL OR EXISTS (SELECT FROM entity e WHERE e.id = l.word_id))
 """
@@ -307,12 +408,14 @@ def _keep(session: psycopg.Connection[Any], history: History, learned: Learned) 
     """Replace what the map has learned before."""
     rows: list[tuple[Any, ...]] = []
     for subject, lift in learned.moves.items():
-        rows.append((*_subject(subject), "moves", None, None, lift.lift, lift.seen, lift.expected))
+        counts = lift.lift, lift.seen, lift.expected
+        rows.append((*_subject(subject), "moves", None, None, *counts, _array(lift.by_part)))
     for (subject, kind), lifts in learned.places.items():
         counts = np.column_stack([lifts.lift, lifts.seen, lifts.expected]).tolist()
         for number in np.flatnonzero(lifts.expected).tolist():
             word = history.words[number]
-            rows.append((*_subject(subject), ABOUT[kind], *word, *counts[number]))
+            parts = None if lifts.by_part is None else lifts.by_part[:, number]
+            rows.append((*_subject(subject), ABOUT[kind], *word, *counts[number], _array(parts)))
     rates = [
         (*(*names, None, None)[:2], one.hit, one.false_alarm, one.there, one.elsewhere)
         for names, one in learned.detectors.items()
@@ -325,6 +428,54 @@ def _keep(session: psycopg.Connection[Any], history: History, learned: Learned) 
     session.execute("SELECT refresh_beliefs()")
 
 
+def _array(numbers: Floats | None) -> str | None:
+    """As text of an array in SQL: unnest takes arrays of arrays apart."""
+    return None if numbers is None else "{" + ",".join(map(repr, numbers.tolist())) + "}"
+
+
+_READ_LIFTS = """
+SELECT coalesce(type, entity_id::text), entity_id IS NULL, about, word, word_id, lift, seen,
+       expected, by_part
+FROM learned_lift WHERE map_id = current_map() ORDER BY id
+"""
+
+_READ_RATES = """
+SELECT observer_id, within, hit, false_alarm, there, elsewhere
+FROM detector_rate WHERE map_id = current_map()
+"""
+
+
+def read_learned(session: psycopg.Connection[Any], history: History) -> Learned:
+    """Read what was learned, with the words of a history; what it has no words for is left out."""
+    numbers = {word: number for number, word in enumerate(history.words)}
+    places: dict[tuple[Any, int], WordLifts] = {}
+    moves: dict[Any, MoveLift] = {}
+    parts = 1
+    rows = session.execute(_READ_LIFTS)
+    for name, is_type, about, word, word_id, lift, seen, expected, by_part in rows:
+        subject = name if is_type else int(name)
+        hours = None if by_part is None else np.array(by_part)
+        parts = max(parts, len(by_part or [0]))
+        if about == "moves":
+            moves[subject] = MoveLift(lift, seen, expected, hours)
+        elif (word, word_id) in numbers:
+            key = subject, ABOUT.index(about)
+            if key not in places:
+                size = len(numbers)
+                hourly = None if hours is None else np.ones((len(hours), size))
+                ones = np.ones((3, size))
+                places[key] = WordLifts(ones[0], ones[1], ones[2], hourly)
+            found, number = places[key], numbers[word, word_id]
+            found.lift[number], found.seen[number], found.expected[number] = lift, seen, expected
+            if found.by_part is not None:
+                found.by_part[:, number] = hours
+    detectors = {
+        tuple(name for name in (observer, within) if name is not None): DetectorRates(*rates)
+        for observer, within, *rates in session.execute(_READ_RATES)
+    }
+    return Learned(places, moves, detectors, parts)
+
+
 def _subject(subject: object) -> tuple[object, object]:
     """A type and no thing, or a thing and no type."""
     return (subject, None) if isinstance(subject, str) else (None, subject)
@@ -332,7 +483,7 @@ def _subject(subject: object) -> tuple[object, object]:
 
 _LIFTS = """
 SELECT coalesce(t.name, l.type) AS subject, l.about, coalesce(w.name, l.word) AS word, l.lift,
-       l.seen, l.expected
+       l.seen, l.expected, l.by_part
 FROM learned_lift l LEFT JOIN entity t ON t.id = l.entity_id LEFT JOIN entity w ON w.id = l.word_id
 WHERE l.map_id = current_map() ORDER BY l.id
 """

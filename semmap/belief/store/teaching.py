@@ -11,7 +11,7 @@ from psycopg import errors, sql
 from psycopg.types.json import Jsonb
 
 from semmap.belief.error import BeliefError
-from semmap.belief.grammar import spoken
+from semmap.belief.grammar import HOURS, spoken
 from semmap.belief.sentences import understand
 from semmap.belief.store.beliefs import add_observations, refusal
 from semmap.belief.store.taught_facts import noted, restate
@@ -104,7 +104,7 @@ def _vocabulary(session: psycopg.Connection[Any]) -> dict[str, list[str]]:
         "types": "SELECT name FROM semantic_type ORDER BY 1",
         "actions": "SELECT DISTINCT action FROM taught_action WHERE map_id = current_map() "
         "ORDER BY 1",
-        "kinds": "SELECT DISTINCT s.super FROM entity e JOIN type_closure s ON s.sub = e.type "
+        "groups": "SELECT DISTINCT s.super FROM entity e JOIN type_closure s ON s.sub = e.type "
         "WHERE e.map_id = current_map() AND e.kind IN ('object', 'agent') "
         "AND s.super NOT IN ('object', 'entity', 'agent') ORDER BY 1",
     }
@@ -112,8 +112,8 @@ def _vocabulary(session: psycopg.Connection[Any]) -> dict[str, list[str]]:
         key: [row[0] for row in session.execute(query).fetchall()] for key, query in queries.items()
     }
     things = set(map(spoken, names["things"]))  # a name stands for its thing, not for a type
-    names["kinds"] = [kind for kind in names["kinds"] if spoken(kind) not in things]
-    return names
+    names["kinds"] = [kind for kind in names["groups"] if spoken(kind) not in things]
+    return names | {"hours": [*HOURS]}
 
 
 def _with_relations(session: psycopg.Connection[Any], teaching: Teaching) -> Teaching:

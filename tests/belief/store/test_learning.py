@@ -9,14 +9,8 @@ import pytest
 
 import semmap
 from semmap import Map
-from semmap.belief.learning import (
-    NOTHING,
-    detector_rates,
-    learn,
-    lifted_prior,
-    lifted_rate,
-    smooth,
-)
+from semmap.belief.chain import smooth
+from semmap.belief.learning import NOTHING, detector_rates, habits, learn, lifted_prior, lifted_rate
 from semmap.belief.reader import read_columns
 from semmap.belief.store import learning as store
 from semmap.belief.store.beliefs import add_observations
@@ -64,13 +58,12 @@ def test_the_database_believes_as_the_learner_does(used: Map) -> None:
     """Two implementations, in SQL and in NumPy, of what a history means: before each look."""
     used.learn_belief()
     history = store.read_history(seen_by(used.connection))
-    learned = learn(history.tracks, history.detectors, stated=history.stated)
+    learned = learn(history.tracks, history.detectors, stated=history.stated, day=store.PARTS)
     for track in history.tracks:
         thing = track.subjects[-1]
-        prior, rate = lifted_prior(track, learned), lifted_rate(track, learned)
-        assert rate != pytest.approx(track.rate)
+        assert lifted_rate(track, learned) != pytest.approx(track.rate)
         rates = detector_rates(track, history.detectors, learned)
-        found = smooth(track, prior, rate, *rates, history.stated)
+        found = smooth(track, *habits(track, learned), *rates, history.stated)
         for number in {0, 1, 17, 40, len(track.at) - 1} & {*range(len(track.at))}:
             at = datetime.fromtimestamp(track.at[number] - 1e-5, UTC)
             rows = used.execute("SELECT * FROM belief_at(%s, %s)", [thing], at)
@@ -175,6 +168,7 @@ def test_looks_of_robots_are_believed_by_their_learned_rates(used: Map) -> None:
 def test_days_held_out_judge_the_others(used: Map) -> None:
     found = used.learn_belief(hold_out=3)
     assert found.before is not None
+    assert found.without_hours is not None
     assert found.after is not None
     later = used.execute(
         "SELECT count(*) FROM observation o, (SELECT max(at) AS last FROM observation) m "
@@ -289,7 +283,7 @@ def test_a_copy_believes_what_its_original_learned(make_database: MakeDatabase) 
         found = home.learn_belief()
         home.execute("SELECT copy_map('home', 'copy')")
         copy = db.map("copy")
-        columns = "SELECT lift FROM learned_lift WHERE map_id = current_map() ORDER BY id"
+        columns = "SELECT lift, by_part FROM learned_lift WHERE map_id = current_map() ORDER BY id"
         assert copy.execute(columns) == home.execute(columns)
         assert len(copy.execute(columns)) == len(found.lifts)
         at = datetime.now(UTC)
