@@ -218,3 +218,18 @@ def test_no_number_of_looks_is_beyond_doubt() -> None:
     assert found.forecast[-1] == pytest.approx([0, 1, 0], abs=1e-6)
     assert np.isfinite(found.there).all()
     assert found.ends.sum() == pytest.approx(1)
+
+
+def test_what_the_map_states_is_a_move_at_its_hour() -> None:
+    """Put at the second place at one in the afternoon, by a clock that is an hour behind."""
+    hits = np.array([[True, False, False], [False, True, False]])
+    flags, rates = np.array([False, True]), (np.full(2, 0.9), np.full(2, 0.001))
+    at, words = np.array([2.0, 14.0]) * 3600, np.array([[0], [1]])
+    prior = np.array([0.4, 0.4, 0.2])
+    nobody = np.full(2, -1)
+    track = Track(
+        ("mug",), prior, words, 0.0, at, hits, flags, ~flags, flags + 1.0, *rates, nobody, -3600.0
+    )
+    found = smooth(track, np.tile(prior, (4, 1)), np.full(4, 1e-12), *rates, 0.95)
+    assert found.moves == pytest.approx([0, 0, 0.95, 0], abs=0.01)
+    assert found.ends[2, 1] == pytest.approx(0.95, abs=0.01)
