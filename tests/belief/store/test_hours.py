@@ -114,3 +114,26 @@ def test_a_time_zone_that_nobody_has_is_refused(flat: Map) -> None:
     assert flat.execute("SELECT count(*) FROM learned_lift") == [(0,)]
     with pytest.raises(ValueError, match='time zone "x" not recognized'):
         flat.execute("INSERT INTO belief_model (map_id, time_zone) VALUES (current_map(), 'x')")
+
+
+def test_what_never_moves_stays_and_has_been_put_by_all_hours(flat: Map) -> None:
+    by_part = [0.9, 0.1, 0.5, 0.5]
+    for seconds in (DAY, 400 * DAY):
+        ((found,),) = flat.execute("SELECT put_until('{0,0}', %s, 3600, %s)", by_part, seconds)
+        assert found[2] == 1
+        assert found[:2] == pytest.approx([0.7, 0.3], abs=1e-5)
+        assert sum(found[:2]) == pytest.approx(1, abs=1e-12)
+
+
+def test_several_things_are_believed_as_each_of_them_alone(flat: Map) -> None:
+    live_by_hours(flat, "Asia/Tokyo", 6)
+    for hours in (3, 9):
+        flat.observe("coke", "counter", at=datetime.now(UTC) - timedelta(hours=hours))
+    flat.learn_belief(time_zone="Asia/Tokyo")
+    ids = [flat[name].id for name in ("mug", "coke")]
+    at = datetime.now(UTC) + timedelta(hours=7)
+    columns = "SELECT entity_id, place_id, probability FROM belief_at(%s, %s) ORDER BY 1, 2"
+    together = flat.execute(columns, ids, at)
+    alone = [row for one in sorted(ids) for row in flat.execute(columns, [one], at)]
+    assert [row[:2] for row in together] == [row[:2] for row in alone]
+    assert [row[2] for row in together] == pytest.approx([row[2] for row in alone], abs=1e-12)

@@ -96,3 +96,15 @@ def test_unknown_names_and_agents_are_refused(flat: Map) -> None:
         flat.which("unicorn", "table")
     with pytest.raises(ValueError, match="robot is an agent"):
         flat.which("robot", "kitchen")
+
+
+def test_a_place_that_the_map_states_again_later_was_its_place_before(flat: Map) -> None:
+    """It was put on the bench five days ago and now; it is known from both."""
+    flat.execute("DELETE FROM placement_history WHERE entity_id = entity_id('mug')")
+    flat.execute(
+        "INSERT INTO placement_history (entity_id, holder_id, pose, relation, during) "
+        "VALUES (entity_id('mug'), entity_id('bench'), '{0,0,0.5,0,0,0,1}', 'on', "
+        "tstzrange(now() - interval '5 days', now() - interval '3 days'))"
+    )
+    found = flat.which("mug", "bench", hours_ago(5 * 24 - 1))
+    assert found["mug"] > 0.9
