@@ -228,7 +228,9 @@ def world_rows(files: tuple[str | Path, ...], start: str) -> tuple[str, list[Row
 
 
 def main() -> None:
-    """Print a table for each world."""
+    """Print a table for each world of the folder ``SEMMAP_WORLDS``."""
+    if "SEMMAP_WORLDS" not in os.environ:
+        raise SystemExit("set SEMMAP_WORLDS to the folder of the real worlds")
     for world, (files, start) in WORLDS.items():
         joined, rows = world_rows(files, start)
         print_rows(f"{world}: {joined}; mean cost of {TRIALS} searches", rows)

@@ -24,11 +24,12 @@ def upgrade() -> None:
     op.execute(
         "ALTER TABLE semmap.belief_model ADD COLUMN time_zone text NOT NULL DEFAULT 'UTC' "
         "CONSTRAINT belief_model_time_zone_is_known CHECK ("
-        "timestamptz '2000-01-01 00:00+00' AT TIME ZONE time_zone IS NOT NULL)"
+        "timestamptz '2000-01-01 00:00+00' AT TIME ZONE time_zone IS NOT NULL "
+        "AND time_zone !~ '^[A-Za-z]+[+-]?[0-9]')"  # UTC+2 would be two hours west
     )
 
 
 def downgrade() -> None:
-    """Drop the columns: a thing moves as often, and to the same places, at all hours."""
+    """Drop the columns: things move as often, to the same places, at all hours of UTC."""
     op.execute("ALTER TABLE semmap.learned_lift DROP COLUMN by_part")
     op.execute("ALTER TABLE semmap.belief_model DROP COLUMN time_zone")

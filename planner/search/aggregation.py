@@ -56,7 +56,7 @@ def aggregate(problem: SearchProblem, belief: Floats, most_states: int = 1000) -
         if not fewer.reduce():
             raise ValueError(
                 f"the search has {fewer.states} states with one viewpoint and one spot a place; "
-                f"up to {most_states} are asked for: search for fewer objects at once"
+                f"up to {most_states} are asked for: ask for more, or search for fewer objects"
             )
     small, spread = fewer.problem(problem), fewer.belief
     shown, formerly = _shown(small, spread), _shown(problem, belief)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.checked import EntityName
@@ -81,8 +81,8 @@ class MapBeliefs(MapQuestions):
     ) -> dict[str, float]:
         """Which object of a type was in or on a place: its probability by name, largest first.
 
-        Looks and statements since then count, too: what is seen there today was probably there
-        yesterday evening.
+        Looks since then count, too: what is seen there today was probably there yesterday evening.
+        That the map puts it there today says nothing of yesterday.
 
         Parameters
         ----------
@@ -93,12 +93,12 @@ class MapBeliefs(MapQuestions):
         Raises
         ------
         LookupError, ValueError
-            The map has no such place or object; or it is an agent.
+            The map has no such place or object; none of them can be there; or it is an agent.
         """
         from semmap.belief.store.was_there import which
 
         with self.snapshot() as seen:
-            return which(seen, kind, place, aware(at) or datetime.now(UTC))
+            return which(seen, kind, place, aware(at))
 
     def initial_belief(
         self, names: Sequence[EntityName], at: datetime | None = None

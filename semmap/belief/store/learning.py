@@ -68,10 +68,15 @@ _LOOKS = """
 SELECT o.entity_id, extract(epoch FROM o.at)::float8,
        extract(epoch FROM o.at AT TIME ZONE %s::text - o.at AT TIME ZONE 'UTC')::float8,
        o.place_id, o.inside, o.seen, o.visible,
-       coalesce(o.hit, m.there + m.change), coalesce(o.false_alarm, m.elsewhere - m.change),
+       coalesce(o.hit, m.there + m.change * f.fresh),
+       coalesce(o.false_alarm, m.elsewhere - m.change * f.fresh),
        CASE WHEN o.hit IS NULL AND o.false_alarm IS NULL THEN o.observer_id END,
        look_within(o.distance)
-FROM observation o, belief_model_of(current_map()) m WHERE o.entity_id = ANY (%s)
+FROM observation o, belief_model_of(current_map()) m,
+     LATERAL (SELECT greatest(extract(epoch FROM %s::timestamptz - o.at), 0)::float8) a (age),
+     LATERAL (SELECT exp(-least(coalesce(a.age * greatest(coalesce(property_of(o.entity_id,
+         'mobility'), 1), 0) / m.seconds, 0), 700))) f (fresh)  -- else each look is judged fresh
+WHERE o.entity_id = ANY (%s)
 ORDER BY o.at, o.id
 """
 
@@ -193,7 +198,9 @@ def _lock(session: psycopg.Connection[Any]) -> None:
 
 def _check_zone(session: psycopg.Connection[Any], time_zone: str) -> None:
     """Refuse a time zone that is none of the names: PostgreSQL takes other texts, as UTC+2."""
-    known = session.execute("SELECT name FROM pg_timezone_names").fetchall()
+    known = session.execute(
+        "SELECT name FROM pg_timezone_names WHERE name !~ '^[A-Za-z]+[+-]?[0-9]'"
+    ).fetchall()
     names = [name for (name,) in known]
     if time_zone not in names:
         hint = suggestion(time_zone, names, "give a name as Europe/Berlin, or UTC")
@@ -270,7 +277,7 @@ def read_history(
     for thing, at, clock, places in session.execute(_STATEMENTS, [zone, *columns]):
         entries[thing].append(HistoryEntry(at, clock, True, places))
     detectors: dict[tuple[Any, ...], int] = {}
-    looks = session.execute(_LOOKS, (zone, ids)).fetchall()
+    looks = session.execute(_LOOKS, (zone, asked and asked.at, ids)).fetchall()
     wide = {look[3] for look in looks if look[4]} | ({asked.place} if asked else set())
     held = _held(session, wide, numbers)
     for thing, at, clock, place, inside, saw, visible, *rates, observer, within in looks:
@@ -289,16 +296,15 @@ def read_history(
     tracks = []
     for thing, types, rate, *_ in rows:
         known = [e for e in entries[thing] if not prior[thing].keys().isdisjoint(e.places)]
-        known = _without_echoes(sorted(known, key=_order))
-        if asked is not None:
-            known = sorted(_without_repeats(known, question[0].at) + question, key=_order)
+        if asked is None:
+            known = _without_echoes(sorted(known, key=lambda entry: (entry.at, entry.told)))
+        else:  # as the database orders them; the question comes after what is at its time
+            known.sort(key=lambda entry: (entry.at, not entry.told))
+            known = _without_repeats(known, question[0].at) + question
+            known.sort(key=lambda entry: entry.at)
         if known:
             tracks.append(_track((*types, thing), rate, prior[thing], numbers, known))
     return History(tracks, words, list(detectors), rows[0][3] if rows else 0.0)
-
-
-def _order(entry: HistoryEntry) -> tuple[float, bool]:
-    return entry.at, entry.told
 
 
 def _without_echoes(entries: Sequence[HistoryEntry]) -> list[HistoryEntry]:

@@ -105,6 +105,10 @@ def _vocabulary(session: psycopg.Connection[Any]) -> dict[str, list[str]]:
         "actions": "SELECT DISTINCT action FROM taught_action WHERE map_id = current_map() "
         "ORDER BY 1",
         "groups": "SELECT DISTINCT s.super FROM entity e JOIN type_closure s ON s.sub = e.type "
+        "WHERE e.map_id = current_map() AND e.kind = 'object' "
+        "AND e.type <> ALL (subtypes('building_element')) "
+        "AND s.super NOT IN ('object', 'entity') ORDER BY 1",
+        "kinds": "SELECT DISTINCT s.super FROM entity e JOIN type_closure s ON s.sub = e.type "
         "WHERE e.map_id = current_map() AND e.kind IN ('object', 'agent') "
         "AND s.super NOT IN ('object', 'entity', 'agent') ORDER BY 1",
     }
@@ -112,7 +116,7 @@ def _vocabulary(session: psycopg.Connection[Any]) -> dict[str, list[str]]:
         key: [row[0] for row in session.execute(query).fetchall()] for key, query in queries.items()
     }
     things = set(map(spoken, names["things"]))  # a name stands for its thing, not for a type
-    names["kinds"] = [kind for kind in names["groups"] if spoken(kind) not in things]
+    names["kinds"] = [kind for kind in names["kinds"] if spoken(kind) not in things]
     return names | {"hours": [*HOURS]}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 
 import numpy as np
 
@@ -26,14 +26,16 @@ SELECT id, name FROM entity WHERE map_id = current_map() AND kind = 'object'
 """
 
 
-def which(seen: Snapshot, kind: str, place: str, at: datetime) -> dict[str, float]:
+def which(seen: Snapshot, kind: str, place: str, at: datetime | None = None) -> dict[str, float]:
     """Return how probable each object of a type was in or on a place, the most probable first.
 
-    `kind` is a type, else the name of an object; `at` has a time zone. Looks and statements after
-    it count as those before. LookupError without such a place or object; `BeliefError` for what has
-    no belief, and for times more than `YEARS` away.
+    `kind` is a type, else the name of an object; `at` has a time zone, and is now where None. Looks
+    since then count as those before. LookupError without such a place or object; `BeliefError` for
+    what is no object, a place where none of them has room, and times more than `YEARS` away.
     """
-    if abs((at - datetime.now(UTC)).days) > 365 * YEARS:
+    ((now,),) = seen.session.execute("SELECT clock_timestamp()").fetchall()
+    at = at or now
+    if abs((at - now).days) > 365 * YEARS:
         raise BeliefError(f"{at.isoformat()} is more than {YEARS} years away")
     inside = entity_id(seen.session, place)
     wanted = {"type": snake_case(kind), "names": None}
@@ -42,14 +44,22 @@ def which(seen: Snapshot, kind: str, place: str, at: datetime) -> dict[str, floa
         named = things_named(seen, kind)
         rows = seen.session.execute(_OF_TYPE, wanted | {"names": named}).fetchall()
         if not rows:
-            raise BeliefError(f"{named[0]} is an agent or a part of the building: it has no belief")
+            raise BeliefError(
+                f"{named[0]} is an agent or a part of the building: `semmap where {named[0]}` or "
+                "its pose says where it is"
+            )
     names = dict(rows)
     history = read_history(seen, Question([*names], inside, at))
     learned = read_learned(seen.session, history)
-    found = {}
+    found, can_be = {}, False
     for track in history.tracks:
         rates = detector_rates(track, history.detectors, learned)
         passed = smooth(track, *habits(track, learned), *rates, history.stated)
         (row,) = np.flatnonzero(track.visible == 0)  # no look shows nothing
         found[names[track.subjects[-1]]] = float(passed.there[row])
+        can_be = can_be or bool(track.hits[row].any())
+    if not can_be:
+        raise BeliefError(
+            f"{place} is no place of {kind}: name furniture with room for it, a room or a storey"
+        )
     return dict(sorted(found.items(), key=lambda one: (-one[1], one[0])))

@@ -116,6 +116,14 @@ def test_a_time_zone_that_nobody_has_is_refused(flat: Map) -> None:
         flat.execute("INSERT INTO belief_model (map_id, time_zone) VALUES (current_map(), 'x')")
 
 
+def test_a_zone_that_postgresql_reads_the_other_way_round_is_refused(flat: Map) -> None:
+    flat.observe("mug", "table")
+    with pytest.raises(ValueError, match="there is no time zone UTC"):
+        flat.learn_belief(time_zone="UTC+2")
+    with pytest.raises(ValueError, match="time zone is known"):
+        flat.execute("INSERT INTO belief_model (map_id, time_zone) VALUES (current_map(), 'UTC+2')")
+
+
 def test_what_never_moves_stays_and_has_been_put_by_all_hours(flat: Map) -> None:
     by_part = [0.9, 0.1, 0.5, 0.5]
     for seconds in (DAY, 400 * DAY):

@@ -11,6 +11,7 @@ from semmap import Map
 from semmap.belief.chain import DAY
 from semmap.belief.learning import detector_rates, habits, learn
 from semmap.belief.store import learning as store
+from tests.belief.conftest import THESIS
 from tests.seen import seen_by
 
 NOW = datetime.now(UTC)
@@ -108,3 +109,34 @@ def test_a_place_that_the_map_states_again_later_was_its_place_before(flat: Map)
     )
     found = flat.which("mug", "bench", hours_ago(5 * 24 - 1))
     assert found["mug"] > 0.9
+
+
+def test_a_statement_after_a_wide_look_counts(flat: Map) -> None:
+    """It was seen somewhere in the kitchen; a day later it was put on the table."""
+    flat.observe("coke", "kitchen", at=hours_ago(30))
+    flat.execute(
+        "INSERT INTO placement (entity_id, holder_id, pose, relation) VALUES "
+        "(entity_id('coke'), entity_id('table'), '{0,0,0.75,0,0,0,1}', 'on')"
+    )
+    at = datetime.now(UTC)
+    expected = flat.where("coke", at)["table"]
+    assert expected > 0.9
+    assert flat.which("coke", "table", at)["coke"] == pytest.approx(expected, abs=1e-6)
+    ((since,),) = flat.execute("SELECT since FROM placement WHERE entity_id = entity_id('coke')")
+    assert flat.which("coke", "table", since)["coke"] > 0.9
+
+
+def test_old_looks_of_the_thesis_say_less(flat: Map) -> None:
+    flat.execute("DELETE FROM placement WHERE entity_id = entity_id('coke')")
+    flat.execute(THESIS)
+    flat.observe("coke", "counter", at=hours_ago(1))
+    at = datetime.now(UTC)
+    found = flat.which("coke", "counter", at)["coke"]
+    assert found == pytest.approx(flat.where("coke", at)["counter"], abs=1e-6)
+
+
+def test_what_is_no_place_of_it_is_refused(flat: Map) -> None:
+    for place in ("cereal", "robot"):
+        with pytest.raises(ValueError, match=f"{place} is no place of mug"):
+            flat.which("mug", place)
+    assert flat.which("mug", "bench")["mug"] > 0.9  # now, by the clock of the database
