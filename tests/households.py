@@ -14,7 +14,7 @@ import semmap
 from semmap import Map
 from semmap.belief.chain import Track, smooth
 from semmap.belief.learning import detector_rates, habits, learn
-from semmap.belief.store.learning import read_history
+from semmap.belief.store.history import read_history
 from tests.examples.script import load_example
 
 DAYS, HELD_OUT = 21, 6

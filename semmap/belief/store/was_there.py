@@ -10,7 +10,8 @@ from semmap.belief.chain import smooth
 from semmap.belief.error import BeliefError
 from semmap.belief.learning import detector_rates, habits
 from semmap.belief.store.beliefs import things_named
-from semmap.belief.store.learning import Question, read_history, read_learned
+from semmap.belief.store.history import Question, read_history
+from semmap.belief.store.learning import read_learned
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
 from semmap.snake_case import snake_case

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from semmap import Map
 from semmap.belief.chain import DAY
-from semmap.belief.store.learning import PARTS, read_history
+from semmap.belief.store.history import read_history
+from semmap.belief.store.learning import PARTS
 from tests.seen import seen_by
 
 

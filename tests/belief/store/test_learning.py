@@ -14,6 +14,7 @@ from semmap.belief.learning import NOTHING, detector_rates, habits, learn, lifte
 from semmap.belief.reader import read_columns
 from semmap.belief.store import learning as store
 from semmap.belief.store.beliefs import add_observations
+from semmap.belief.store.history import ABOUT, read_history
 from tests.conftest import MakeDatabase
 from tests.oracles.evidence import Fact, where_by_paths
 from tests.seen import seen_by
@@ -57,7 +58,7 @@ def used(flat: Map) -> Map:
 def test_the_database_believes_as_the_learner_does(used: Map) -> None:
     """Two implementations, in SQL and in NumPy, of what a history means: before each look."""
     used.learn_belief()
-    history = store.read_history(seen_by(used.connection))
+    history = read_history(seen_by(used.connection))
     learned = learn(history.tracks, history.detectors, stated=history.stated, day=store.PARTS)
     for track in history.tracks:
         thing = track.subjects[-1]
@@ -80,7 +81,7 @@ def test_lifts_say_where_things_are_and_how_often_they_move(used: Map) -> None:
     rows = {(row["subject"], row["about"], row["word"]): row for row in found.lifts}
     row = rows["mug", "moves", None]
     assert row["lift"] == pytest.approx((row["seen"] + 5) / (row["expected"] + 5))
-    assert {about for _, about, _ in rows} == {"moves", *store.ABOUT}
+    assert {about for _, about, _ in rows} == {"moves", *ABOUT}
     prior = {row["place"]: row["prior"] for row in used.where("mug").rows}
     former = {row["place"]: row["prior"] for row in before.rows}
     assert prior["table"] > prior["bench"]
@@ -216,7 +217,7 @@ def test_a_thing_of_a_new_type_has_what_its_supertypes_learned(used: Map) -> Non
 
 
 def test_tracks_begin_with_the_prior_without_history(used: Map) -> None:
-    history = store.read_history(seen_by(used.connection))
+    history = read_history(seen_by(used.connection))
     (mug,) = (t for t in history.tracks if t.subjects[-1] == used["mug"].id)
     former = dict(used.execute("SELECT place_id, prior FROM prior_of(%s)", [used["mug"].id]))
     used.execute("DELETE FROM placement WHERE entity_id = entity_id('mug')")
@@ -232,7 +233,7 @@ def test_what_the_map_states_after_a_sighting_is_no_news(flat: Map) -> None:
     """A sighting at a point moves the mug, and the map then states what the look said."""
     flat.observe("mug", "table", position=(0, 0, 0.8), observer="robot")
     assert flat["mug"].holder.name == "table"
-    history = store.read_history(seen_by(flat.connection))
+    history = read_history(seen_by(flat.connection))
     (mug,) = (t for t in history.tracks if t.subjects[-1] == flat["mug"].id)
     assert not mug.told[-1]
     assert mug.seen[-1]

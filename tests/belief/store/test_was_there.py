@@ -11,6 +11,7 @@ from semmap import Map
 from semmap.belief.chain import DAY
 from semmap.belief.learning import detector_rates, habits, learn
 from semmap.belief.store import learning as store
+from semmap.belief.store.history import read_history
 from tests.belief.conftest import THESIS
 from tests.seen import seen_by
 
@@ -80,7 +81,7 @@ def test_a_look_since_then_counts_by_bayes(flat: Map) -> None:
 
 def test_what_was_learned_is_read_as_it_was_kept(mugs: Map) -> None:
     mugs.learn_belief()
-    history = store.read_history(seen_by(mugs.connection))
+    history = read_history(seen_by(mugs.connection))
     kept = store.read_learned(mugs.connection, history)
     learned = learn(history.tracks, history.detectors, stated=history.stated, day=store.PARTS)
     for track in history.tracks:
