@@ -30,6 +30,9 @@ CLEARANCE = 0.004
 ROOM = 0.02
 """Sum of the gaps beyond which more room makes a grasp no better, metres."""
 
+FRICTION = 0.5
+"""The coefficient between pads and objects that is assumed."""
+
 X, Y, Z = np.eye(3)
 
 
@@ -106,6 +109,16 @@ class Grasps:
             np.array([row["family"] or "" for row in rows]),
         )
 
+    @classmethod
+    def joined(cls, every: Sequence[Grasps]) -> Grasps:
+        """The grasps of several by one gripper, the best first."""
+        columns = [each.name for each in fields(cls) if each.name != "gripper"]
+        whole = cls(
+            every[0].gripper,
+            *(np.concatenate([getattr(one, name) for one in every]) for name in columns),
+        )
+        return whole[np.argsort(-whole.qualities, kind="stable")]
+
     def __len__(self) -> int:
         return len(self.poses)
 
@@ -139,7 +152,7 @@ class Grasps:
 
 
 def grasp_candidates(
-    shape: PrimitiveShape, gripper: Gripper, *, friction: float = 0.5, distance: float = 0.1
+    shape: PrimitiveShape, gripper: Gripper, *, friction: float = FRICTION, distance: float = 0.1
 ) -> Grasps:
     """Return all grasps of a shape that fit the gripper and hold by friction, the best first.
 
@@ -191,7 +204,7 @@ def grasp_candidates(
     before[:, :3, 3] -= distance * np.concatenate([*ways.values()])
     kinds = np.repeat([*ways], len(width))
     letters = "xyz" if solid.kind == "cuboid" else "rrz"  # round: across is across
-    names, families = _names(
+    names, families = grasp_names(
         np.tile(rotations, (times, 1, 1)), np.tile(offsets, times), kinds, letters
     )
     order = np.argsort(-np.tile(quality, times), kind="stable")
@@ -327,15 +340,23 @@ def _contacts(
     lever -= np.einsum("ni,ni->n", lever, x)[:, None] * x
     radius = np.linalg.norm(np.ptp(solid.mesh(16).used, axis=0)) / 2
     centring = 1 - np.linalg.norm(lever, axis=1) / radius
-    gap = gripper.opening - width
-    room = np.clip(gap / ROOM, 0, 1)
-    fits = (gap >= CLEARANCE) & (width > gripper.widths[-1] + 1e-3) & inside.any(axis=1)
-    shares = np.clip(np.stack([friction_left, on_object, centring, room]), 0, 1)
-    quality = np.where(fits, np.prod(shares, axis=0) ** 0.25, 0.0)
+    held = inside.any(axis=1)
+    quality = np.where(held, quality_of(gripper, friction_left, on_object, centring, width), 0.0)
     return _Contacts(centred, width, quality)
 
 
-def _names(
+def quality_of(
+    gripper: Gripper, friction_left: Floats, on_object: Floats, centring: Floats, width: Floats
+) -> Floats:
+    """The geometric mean of three shares and of the room beside the object; 0 for what fits not."""
+    gap = gripper.opening - width
+    fits = (gap >= CLEARANCE) & (width > gripper.widths[-1] + 1e-3)
+    shares = np.clip(np.stack([friction_left, on_object, centring, gap / ROOM]), 0, 1)
+    quality: Floats = np.where(fits, np.prod(shares, axis=0) ** 0.25, 0.0)
+    return quality
+
+
+def grasp_names(
     rotations: Floats, offsets: NDArray[np.intp], kinds: NDArray[np.str_], letters: str
 ) -> tuple[NDArray[np.str_], NDArray[np.str_]]:
     """The approach and the family of each grasp."""

@@ -7,13 +7,17 @@ IV-B: the Action Generator works where the knowledge base has nothing).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import trimesh
+
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
-from semmap.manipulation.candidates import grasp_candidates
+from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.gripper import Gripper, read_gripper
@@ -21,9 +25,17 @@ from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import STORED, actions_by_shape, actions_on, entities_meant
 from semmap.manipulation.solids import PrimitiveShape
+from semmap.manipulation.steadiness import LEAST, steadiness, unsteady
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
-from semmap.manipulation.store.model_shapes import mesh_shape, shape_of
+from semmap.manipulation.store.model_shapes import (
+    StoredShape,
+    mesh_shape,
+    model_mesh,
+    shape_of,
+    stored_shape,
+)
+from semmap.manipulation.surface_grasps import mesh_grasps
 from semmap.manipulation.surroundings import Surroundings, enclosure_of, entity_pose
 from semmap.query.snapshot import Snapshot
 
@@ -77,7 +89,7 @@ def find_grasps(
         rows, _ = stored()
     if _move_alike(seen.session, [row for row in rows if row["link"] is None], chosen):
         rows, _ = stored()
-    rows = _ranked(seen.session, rows, chosen)
+    rows = _steady(seen, _ranked(seen.session, rows, chosen), chosen, problems)
     if not check:
         rows = rows[:limit]
     elif rows:
@@ -119,7 +131,9 @@ def known_grasps(
         if rows:
             return rows
     stands = entity_pose(seen, entity).matrix
-    return [
+    known = shape or mesh_shape(seen, entity)
+    found = model_grasps(seen, entity, known, gripper)
+    rows = [
         {
             "entity": entity,
             "model_pose": Pose.from_matrix(grasp.pose),
@@ -131,8 +145,36 @@ def known_grasps(
             "expected": grasp.quality,
             "successes": 0,
         }
-        for grasp in grasp_candidates(shape or mesh_shape(seen, entity), gripper)
+        for grasp in found
     ]
+    steady = steadiness(rows, known, gripper)
+    return [row for row, share in zip(rows, steady, strict=True) if share >= LEAST]
+
+
+def model_grasps(seen: Snapshot, entity: str, shape: PrimitiveShape, gripper: Gripper) -> Grasps:
+    """The grasps of an entity's mesh (`mesh_grasps`), or of its shape where it has no mesh."""
+    try:
+        mesh = model_mesh(seen, entity)
+    except ManipulationError:
+        return grasp_candidates(shape, gripper)
+    stands = shape.pose.tobytes()
+    return _grasps(mesh.triangles.tobytes(), shape.kind, shape.size, stands, shape.inliers, gripper)
+
+
+@lru_cache(maxsize=64)
+def _grasps(
+    triangles: bytes,
+    kind: str,
+    size: tuple[float, ...],
+    pose: bytes,
+    inliers: float,
+    gripper: Gripper,
+) -> Grasps:
+    """The grasps of a mesh, kept: plans ask for them again and again."""
+    corners = np.frombuffer(triangles).reshape(-1, 3)
+    mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))
+    shape = StoredShape(kind, size, np.frombuffer(pose).reshape(4, 4), inliers)
+    return mesh_grasps(mesh, shape, gripper)
 
 
 HAS_GRIPPER = "SELECT 1 FROM gripper g JOIN device d ON d.id = g.device_id WHERE d.name = %s"
@@ -169,6 +211,33 @@ def _ranked(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> list[
     if all(row["link"] is None for row in rows):
         return found
     return best_first(row | {"expected": row["expected"] * (row["link"] or 1)} for row in found)
+
+
+def _steady(
+    seen: Snapshot, rows: Sequence[dict[str, Any]], gripper: str, problems: list[str]
+) -> list[dict[str, Any]]:
+    """Rows by how steadily they hold the objects as they stand, too; what succeeded is kept."""
+    hand = None
+    with suppress(ManipulationError):
+        hand = stored_gripper(seen.session, gripper)
+    found = []
+    for number in dict.fromkeys(row["object_id"] for row in rows):
+        some = [row for row in rows if row["object_id"] == number]
+        shape = None if some[0]["link"] is not None else stored_shape(seen.session, number)
+        if shape is None:
+            found += some
+            continue
+        steady = []
+        for row, share in zip(some, steadiness(some, shape, hand), strict=True):
+            if row["attempts"] or row["shift"] is not None:
+                steady.append(row)  # outcomes say more: where it is heavy
+            elif share >= LEAST:
+                steady.append(row | {"expected": row["expected"] * share})
+        if not steady:
+            names = ", ".join(dict.fromkeys(row["entity"] for row in some))
+            problems.append(unsteady(names, len(some)))
+        found += steady
+    return best_first(found)
 
 
 MISSING = """
@@ -230,7 +299,7 @@ def generate(seen: Snapshot, entity: str, gripper: str | None = None) -> list[in
     chosen = gripper_name(seen.session, gripper)
     with seen.session.transaction():
         shape = shape_of(seen, entity)
-        grasps = list(grasp_candidates(shape, stored_gripper(seen.session, chosen)))
+        grasps = list(model_grasps(seen, entity, shape, stored_gripper(seen.session, chosen)))
         return add_actions(seen.session, entity, chosen, grasps) if grasps else []
 
 

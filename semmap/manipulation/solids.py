@@ -44,6 +44,11 @@ class PrimitiveShape(Protocol):
         """(4, 4): the frame of the solid in the frame of the model."""
         ...
 
+    @property
+    def inliers(self) -> float:
+        """The share of the object's surface that is on that of the solid, 0 to 1."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class ConvexSolid:

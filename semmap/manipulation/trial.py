@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import Grasp
+from semmap.manipulation.convex_pieces import convex_pieces
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library, mujoco_pose
 from semmap.manipulation.gripper import Gripper
@@ -48,9 +49,10 @@ FORCE = 25.0
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """An object for a trial, in kg: its convex hull, or a solid at `pose` (4, 4)."""
+    """An object for a trial, in kg: convex pieces of its mesh, or a solid at `pose` (4, 4)."""
 
     mesh: Mesh
+    pieces: tuple[Mesh, ...]
     mass: float
     friction: float
     centre: Floats
@@ -69,23 +71,28 @@ def body_of(
 ) -> Body:
     """An object for trials, of `mass` in kg, else of the density in kg/m³.
 
-    A solid lies at `pose` (4, 4); `offset` moves the centre of mass, metres, in the model's frame.
+    A mesh is made up of convex pieces (`convex_pieces`), which takes seconds where it is hollow. A
+    solid lies at `pose` (4, 4); `offset` moves the centre of mass, metres, in the model's frame.
     """
     pose = np.eye(4) if pose is None else pose
     if isinstance(given, ConvexSolid):
         made = given.mesh()
         mesh = Mesh(made.vertices @ pose[:3, :3].T + pose[:3, 3], made.faces)
+        pieces: tuple[Mesh, ...] = (mesh,)
         volume, centre = given.volume, pose[:3, :3] @ given.centre + pose[:3, 3]
     else:
-        mesh = given
-        volume, centre = solid_hull(mesh.used)
+        mesh, pieces = given, convex_pieces(given)
+        solids = [solid_hull(piece.vertices) for piece in pieces]
+        volumes = np.array([each[0] for each in solids])
+        volume = float(volumes.sum())
+        centre = volumes @ np.array([each[1] for each in solids]) / volume
     mass = density * volume if mass is None else mass
     if not (mass > 0 and friction > 0):
         raise ManipulationError(
             f"object: mass {mass:g} kg and friction {friction:g}: above 0, each"
         )
     solid = given if isinstance(given, ConvexSolid) else None
-    return Body(mesh, mass, friction, centre + np.array(offset), solid, pose)
+    return Body(mesh, pieces, mass, friction, centre + np.array(offset), solid, pose)
 
 
 @dataclass(frozen=True)
@@ -156,16 +163,19 @@ class Trial:
                 "cylinder": (geom.mjGEOM_CYLINDER, [solid.size[0], solid.size[-1] / 2, 0]),
             }[solid.kind]
             pose = np.eye(4) if body.pose is None else body.pose
-            shape = item.add_geom(type=type_, size=half, **mujoco_pose(pose))
+            shapes = [item.add_geom(type=type_, size=half, **mujoco_pose(pose))]
         else:
-            mesh = spec.add_mesh(name="object")
-            mesh.uservert = body.mesh.vertices.ravel().tolist()
-            mesh.userface = body.mesh.faces.ravel().tolist()
-            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
-            shape = item.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="object")
-        shape.condim = 6
-        shape.friction = [body.friction, 0.005 * body.friction, 0.001]
-        shape.priority = 1  # its friction holds against pads and table
+            shapes = []
+            for number, piece in enumerate(body.pieces):
+                mesh = spec.add_mesh(name=f"object {number}")
+                mesh.uservert = piece.vertices.ravel().tolist()
+                mesh.userface = piece.faces.ravel().tolist()
+                mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+                shapes.append(item.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name))
+        for shape in shapes:
+            shape.condim = 6
+            shape.friction = [body.friction, 0.005 * body.friction, 0.001]
+            shape.priority = 1  # its friction holds against pads and table
 
     def _add_gripper(self, spec: Any) -> None:
         """Add the palm, which moves as it is told, and the fingers, which are driven."""

@@ -36,10 +36,12 @@ class Shape(NamedTuple):
     kind: str
     size: tuple[float, ...]
     pose: NDArray[np.float64] = np.eye(4)
+    inliers: float = 1.0
 
 
 STRETCH = {
     "stretch_se3": "SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf",
+    "stretch_arm": "RE2V0/stretch_description_RE2V0_tool_stretch_gripper.urdf",
     "stretch_wrist": "RE2V0/stretch_description_RE2V0_tool_stretch_dex_wrist.urdf",
 }
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from semmap.belief.store.beliefs import Session
 from semmap.found_rows import FoundRows
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.reader import read_shape
@@ -36,11 +37,19 @@ class StoredShape:
 def shape_of(seen: Snapshot, entity: str) -> StoredShape:
     """The primitive of an entity's model, fitted at need; ManipulationError without a volume."""
     model = object_model_id(seen.session, entity)
-    row = read_shape(seen.session, model)
-    if row is None:
+    found = stored_shape(seen.session, model)
+    if found is None:
         set_shape(seen.session, model, mesh_shape(seen, entity))
-        row = read_shape(seen.session, model)
-        assert row is not None
+        found = stored_shape(seen.session, model)
+        assert found is not None
+    return found
+
+
+def stored_shape(session: Session, model: int) -> StoredShape | None:
+    """The primitive that is stored of an object model; None where there is none."""
+    row = read_shape(session, model)
+    if row is None:
+        return None
     return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix, row["inliers"])
 
 

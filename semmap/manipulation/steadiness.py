@@ -1,0 +1,57 @@
+"""How steadily grasps hold an object as it stands: beside its centre of mass, it turns in the pads.
+
+Two pads hold against gravity by friction, and against turning about the closing axis by friction at
+the radius of the pads. A quarter of the heaviest load may so hang at four times that radius.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from semmap.arrays import Floats
+from semmap.manipulation.gripper import PAD, Gripper
+from semmap.manipulation.solids import PrimitiveShape, solid_of
+
+HOLD = 1.5 * PAD
+"""Metres beside the centre of mass at which a grasp is half as steady."""
+
+LEAST = 0.03
+"""The steadiness below which a grasp holds nothing up: some 17 cm beside the centre of mass."""
+
+
+def steadiness(
+    rows: Sequence[Mapping[str, Any]], shape: PrimitiveShape, gripper: Gripper | None = None
+) -> Floats:
+    """(N,) 1 for grasps above, below or at the centre of mass, less the farther beside it they are.
+
+    Rows have `pose` in the map's frame, `model_pose` in that of the model and `width`. The centre
+    of mass is that of `shape`, which is in the frame of the model.
+    """
+    if not rows:
+        return np.zeros(0)
+    there = np.array([row["pose"].matrix for row in rows])
+    in_model = np.array([row["model_pose"].matrix for row in rows])
+    middle = shape.pose @ np.append(solid_of(shape.kind, shape.size).centre, 1.0)
+    centre = (there @ np.linalg.inv(in_model) @ middle)[:, :3]
+    closing, approach = there[:, :3, 0], there[:, :3, 2]
+    pads = there[:, :3, 3]
+    if gripper is not None:
+        widths = np.array([gripper.opening if (w := row["width"]) is None else w for row in rows])
+        reach = np.interp(-widths, -gripper.widths, gripper.reaches)
+        pads = pads + reach[:, None] * approach
+    lever = centre - pads
+    lever[:, 2] = 0  # what hangs straight below does not turn
+    lever -= np.einsum("ni,ni->n", lever, closing)[:, None] * closing
+    share: Floats = 1 / (1 + (lever**2).sum(axis=1) / HOLD**2)
+    return share
+
+
+def unsteady(entity: str, grasps: int) -> str:
+    """Why none of an entity's grasps holds it."""
+    return (
+        f"{entity}: would turn in the hand at all {grasps} grasps that fit, which hold it far "
+        "beside its centre of mass"
+    )

@@ -1,0 +1,400 @@
+"""Grasps of any surface, a mesh or a part of a cloud: where two pads hold it, the best first.
+
+Nguyen, "Constructing force-closure grasps", 1988: two pads hold by friction where the line between
+them is within both friction cones. Pairs of points give such lines; both pads then close along
+them on all points that are in their way, so that rims, handles, bars and edges of plates are held
+as well as whole shapes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from semmap.arrays import Floats
+from semmap.manipulation.candidates import (
+    ANGLES,
+    FRICTION,
+    Grasps,
+    grasp_candidates,
+    grasp_names,
+    quality_of,
+)
+from semmap.manipulation.collision import Obstacles, free_grasps
+from semmap.manipulation.gripper import PAD, TILT, Gripper
+from semmap.manipulation.solids import PrimitiveShape, solid_hull
+
+if TYPE_CHECKING:
+    import trimesh
+
+EXACT = 0.95
+"""The share of a mesh on its primitive from which the primitive stands for it."""
+
+SPACING = 0.002
+"""Metres between points on a surface."""
+
+MOST_POINTS = 60_000
+"""Points on a surface; large ones have fewer to an area."""
+
+SEEDS = 400
+"""Points from which pairs are sought."""
+
+LAYER = 0.002
+"""Metres by which a pad gives way: points that deep are in contact."""
+
+LATERAL = 0.5
+"""The cosine between pad and surface below which the pad does not touch it: a wall beside it."""
+
+CELLS = 5
+"""Cells of a pad along each of its sides, which are in contact or not."""
+
+OF_HANDS = 40
+"""Pairs at which all fingers of a hand are looked at, one by one."""
+
+COARSE = 500
+"""Points by which it is seen whether the palm touches a surface."""
+
+PALM_ROOM = 0.01
+"""Metres between palm and object beyond which more room makes a grasp no better."""
+
+SHIFTS = ((0.005, 0, 0), (-0.005, 0, 0), (0.01, 0, 0), (-0.01, 0, 0))
+"""Metres in the grasp frame by which a robot may be wrong, and should still touch nothing."""
+
+KEPT = 200
+"""The most grasps of a surface."""
+
+ALIKE = 0.01
+"""Grasps nearer than this, and within some 20 degrees, count as one; metres."""
+
+
+NOTHING = Obstacles(np.empty((0, 3, 3)))
+"""An object alone is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Points (N, 3) on a surface with normals (N, 3) of either sign; `centre` (3,) of the mass."""
+
+    points: Floats
+    normals: Floats
+    centre: Floats
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The points, to be sought by place."""
+        return cKDTree(self.points)
+
+    @cached_property
+    def radius(self) -> float:
+        """Half the diagonal of the box of the points, metres."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)) / 2)
+
+
+def surface_of(mesh: trimesh.Trimesh, centre: Floats) -> Surface:
+    """Points at random on a mesh, the same in each run."""
+    import trimesh
+
+    count = int(np.clip(mesh.area / SPACING**2, 500, MOST_POINTS))
+    points, faces = trimesh.sample.sample_surface(mesh, count, seed=0)
+    return Surface(np.asarray(points), np.asarray(mesh.face_normals)[faces], centre)
+
+
+def mesh_grasps(
+    mesh: trimesh.Trimesh, shape: PrimitiveShape, gripper: Gripper, **options: float
+) -> Grasps:
+    """Grasps of a mesh, whose primitive is `shape`; both in the frame of the model.
+
+    Those of the primitive (`grasp_candidates`), judged by the mesh unless that is the primitive,
+    and those of the mesh itself (`surface_grasps`). `options` are those of `grasp_candidates`.
+    """
+    of_shape = grasp_candidates(shape, gripper, **options)
+    if shape.inliers >= EXACT and len(of_shape):
+        return of_shape
+    centre = solid_hull(np.asarray(mesh.vertices)[np.unique(mesh.faces)])[1]
+    surface = surface_of(mesh, centre)
+    judged = held_by(surface, of_shape, options.get("friction", FRICTION))
+    return Grasps.joined(
+        [judged, surface_grasps(surface, gripper, mesh.triangles, frame=shape.pose, **options)]
+    )
+
+
+def surface_grasps(
+    surface: Surface,
+    gripper: Gripper,
+    triangles: Floats,
+    *,
+    frame: Floats | None = None,
+    friction: float = FRICTION,
+    distance: float = 0.1,
+) -> Grasps:
+    """The best `KEPT` grasps of a surface, from all sides, without touching `triangles` before.
+
+    Parameters
+    ----------
+    surface : in the frame of the model
+    triangles : (F, 3, 3) of the object, which the open fingers must not touch
+    frame : (4, 4) of the object's shape in that of the model; approaches are named by its axes
+    friction : coefficient between pads and object
+    distance : metres between pre-grasp and grasp
+
+    Notes
+    -----
+    The quality is that of `grasp_candidates`, by points: the friction angle that the worse pad's
+    mean normal leaves; the share of the pads' cells with a point within `LAYER` of the first
+    contact; the nearness of the closing axis to the centre of mass; the gap beside the fingers. It
+    is less where little room is left before the palm, or where a shift lets fingers touch.
+    """
+    frame = np.eye(4) if frame is None else frame
+    middles, axes = _pairs(surface, gripper.opening, friction)
+    if len(gripper.spread) > 1:  # the fingers of a hand matter at each approach: fewer pairs
+        middles, axes = _best_pairs(surface, gripper, middles, axes, friction)
+    turned = [_approaches(axis, gripper, frame) for axis in axes]
+    pair = np.repeat(np.arange(len(turned)), [len(each[0]) for each in turned])
+    x, z = (np.concatenate([np.empty((0, 3)), *(each[i] for each in turned)]) for i in (0, 1))
+    rotations, targets = np.stack([x, np.cross(z, x), z], axis=2), middles[pair]
+    if len(gripper.spread) == 1:  # pads are discs: the approach does not matter to them
+        of_pair, first = np.unique(pair, return_index=True)
+        held = _contacts(surface, gripper, rotations[first], targets[first], friction)
+        held = held[np.searchsorted(of_pair, pair)]
+        # the pads change sides where the closing axis turns round
+        held[:, 0] *= np.sign(np.einsum("ni,ni->n", x, x[first][np.searchsorted(of_pair, pair)]))
+    else:
+        held = _contacts(surface, gripper, rotations, targets, friction)
+    made = _placed(surface, gripper, rotations, targets, held)
+    order = np.argsort(-made[2], kind="stable")
+    order = order[made[2][order] > 0]
+    rotations, targets, quality, width = (column[order] for column in made)
+    chosen = _from_all_sides(rotations, targets)
+    poses = _poses(gripper, rotations[chosen], targets[chosen], width[chosen])
+    before = poses.copy()
+    before[:, :3, 3] -= distance * poses[:, :3, 2]
+    none = np.zeros(len(chosen), np.intp)
+    kind = np.full(len(chosen), "part")
+    names, families = grasp_names(frame[:3, :3].T @ poses[:, :3, :3], none, kind, "xyz")
+    found = Grasps(gripper, poses, before, width[chosen], quality[chosen], names, families)
+    item = Obstacles(triangles)
+    found = found[_first_free(found, item)]
+    found = replace(found, qualities=found.qualities * _room(found, item))
+    return found[np.argsort(-found.qualities, kind="stable")]
+
+
+def held_by(surface: Surface, grasps: Grasps, friction: float = FRICTION) -> Grasps:
+    """Grasps by what their pads meet on a surface; those that hold nothing there are left out."""
+    gripper, rotations = grasps.gripper, grasps.poses[:, :3, :3]
+    reach = np.interp(-grasps.widths, -gripper.widths, gripper.reaches)
+    targets = grasps.poses[:, :3, 3] + reach[:, None] * rotations[:, :, 2]
+    held = _contacts(surface, gripper, rotations, targets, friction)
+    kept = np.flatnonzero(held[:, 2] > 0)
+    rotations, targets, quality, width = _placed(surface, gripper, rotations, targets, held)
+    poses = _poses(gripper, rotations, targets, width)
+    moved = (poses - grasps.poses[kept])[:, :3, 3]
+    before = grasps.pre_grasps[kept].copy()
+    before[:, :3, 3] += moved
+    found = replace(grasps[kept], poses=poses, pre_grasps=before, widths=width, qualities=quality)
+    return found[np.flatnonzero(quality > 0)]
+
+
+def _placed(
+    surface: Surface, gripper: Gripper, rotations: Floats, targets: Floats, held: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Rotations, targets, qualities and widths of those that hold something."""
+    kept = np.flatnonzero(held[:, 2] > 0)
+    rotations, (shift, width, quality) = rotations[kept], held[kept].T
+    targets = targets[kept] + shift[:, None] * rotations[:, :, 0]
+    quality = quality * _room_before_palm(surface, gripper, rotations, targets)
+    return rotations, targets, quality, width
+
+
+def _poses(gripper: Gripper, rotations: Floats, targets: Floats, width: Floats) -> Floats:
+    """Grasp frames (N, 4, 4) whose pads are around targets when they have closed."""
+    reach = np.interp(-width, -gripper.widths, gripper.reaches)
+    poses = np.tile(np.eye(4), (len(width), 1, 1))
+    poses[:, :3, :3] = rotations
+    poses[:, :3, 3] = targets - reach[:, None] * rotations[:, :, 2]
+    return poses
+
+
+def _pairs(surface: Surface, opening: float, friction: float) -> tuple[Floats, Floats]:
+    """Middles (N, 3) and axes (N, 3) of lines within both friction cones, by random points."""
+    random = np.random.default_rng(0)
+    points, normals = surface.points, surface.normals
+    chosen = random.choice(len(points), min(SEEDS, len(points)), replace=False)
+    cone = np.cos(np.arctan(friction))
+    middles, axes = [np.empty((0, 3))], [np.empty((0, 3))]
+    for i, near in zip(chosen, surface.tree.query_ball_point(points[chosen], opening), strict=True):
+        others = np.array(near)
+        line = points[others] - points[i]
+        apart = np.linalg.norm(line, axis=1)
+        far = apart > SPACING / 2
+        others, line, apart = others[far], line[far] / apart[far, None], apart[far]
+        facing = np.abs(line @ normals[i])
+        held = (facing > cone) & (np.abs(np.einsum("ni,ni->n", line, normals[others])) > cone)
+        held &= apart * np.sqrt(1 - np.minimum(facing, 1) ** 2) < ALIKE  # along the normal
+        if not held.any():
+            continue
+        opposite = np.einsum("ni,ni->n", line, normals[others])
+        straight = facing * np.abs(opposite)
+        axis = np.sign(line @ normals[i])[:, None] * normals[i]
+        axis = axis + np.sign(opposite)[:, None] * normals[others]  # pads lie flat on both sides
+        walls = np.round(apart / ALIKE).astype(int)
+        for wall in np.unique(walls[held]):
+            best = np.argmax(np.where(held & (walls == wall), straight, 0))
+            middles.append(points[None, i] + line[None, best] * apart[best] / 2)
+            axes.append(axis[None, best] / np.linalg.norm(axis[best]))
+    return np.concatenate(middles), np.concatenate(axes)
+
+
+def _best_pairs(
+    surface: Surface, gripper: Gripper, middles: Floats, axes: Floats, friction: float
+) -> tuple[Floats, Floats]:
+    """The pairs that two pads alone would hold best."""
+    two = replace(gripper, spread=np.zeros(1))
+    aside = [np.linalg.svd(axis[None])[2][1] for axis in axes]
+    rotations = np.array(
+        [np.column_stack([x, np.cross(z, x), z]) for x, z in zip(axes, aside, strict=True)]
+    ).reshape(-1, 3, 3)
+    quality = _contacts(surface, two, rotations, middles, friction)[:, 2]
+    best = np.argsort(-quality, kind="stable")[:OF_HANDS]
+    best = best[quality[best] > 0]
+    return middles[best], axes[best]
+
+
+def _approaches(axis: Floats, gripper: Gripper, frame: Floats) -> tuple[Floats, Floats]:
+    """Closing axes and approaches (N, 3), all around an axis of a pair.
+
+    A gripper that its arm cannot tilt comes at its slant, to an object that stands as its shape.
+    """
+    up = frame[:3, 2]
+    if gripper.up is not None:
+        axis = axis - (axis @ up - gripper.up[0]) * up
+        axis = axis / np.linalg.norm(axis)
+    side = np.cross(axis, up if abs(axis @ up) < 0.9 else frame[:3, 0])
+    side /= np.linalg.norm(side)
+    other = np.cross(axis, side)
+    angle = np.linspace(0, 2 * np.pi, 2 * (ANGLES - 1), endpoint=False)
+    if gripper.up is not None:  # its z is given: two angles have it
+        lift = np.arcsin(np.clip(gripper.up[2] / max(abs(other @ up), 1e-9), -1, 1))
+        angle = np.array([lift, np.pi - lift]) * np.sign(other @ up)
+    z = np.outer(np.cos(angle), side) + np.outer(np.sin(angle), other)
+    x = np.tile(axis, (len(z), 1))
+    if gripper.up is not None or not gripper.is_symmetric:
+        x, z = np.concatenate([x, -x]), np.concatenate([z, z])
+    if gripper.up is not None:
+        in_grasp = np.stack([x @ up, np.cross(z, x) @ up, z @ up], axis=1)
+        level = np.abs(in_grasp - gripper.up).max(axis=1) < TILT
+        x, z = x[level], z[level]
+    return x, z
+
+
+def _contacts(
+    surface: Surface, gripper: Gripper, rotations: Floats, targets: Floats, friction: float
+) -> Floats:
+    """(N, 3): metres by which targets are moved along x, widths and qualities, 0 for none."""
+    found = np.zeros((len(targets), 3))
+    half = gripper.opening / 2
+    pads = [(-1, 0.0), *((1, float(y)) for y in gripper.spread)]
+    reach = np.hypot(half, max(abs(y) for _, y in pads) + PAD / 2)
+    near = surface.tree.query_ball_point(targets, reach)
+    for i, (rotation, target, some) in enumerate(zip(rotations, targets, near, strict=True)):
+        at = (surface.points[some] - target) @ rotation
+        facing = np.abs(surface.normals[some] @ rotation[:, 0])
+        ends, angles, covers = {-1: [], 1: []}, [], []  # type: dict[int, list[float]], list[float], list[float]
+        for side, y in pads:
+            across = np.hypot(at[:, 1] - y, at[:, 2])
+            met = (across <= PAD / 2) & (np.abs(at[:, 0]) <= half)
+            if not met.any():
+                covers.append(0.0)
+                continue
+            end = float((side * at[met, 0]).max())
+            depth = end - side * at[:, 0]
+            layer = met & (depth < LAYER) & (facing > LATERAL)
+            ends[side].append(end)
+            pressed = facing[layer] * (1 - depth[layer] / LAYER)  # by the area that the pad sees
+            total = pressed.sum()
+            angles.append(float(np.arccos(min(1, pressed @ facing[layer] / total))) if total else 9)
+            cells = np.floor((at[layer, 1:] - [y, 0]) / PAD * CELLS + CELLS / 2).astype(int)
+            covers.append(len(np.unique(cells, axis=0)) / DISC)
+        if not (ends[-1] and ends[1]):
+            continue
+        left, right = max(ends[-1]), max(ends[1])
+        width, shift = left + right, (right - left) / 2
+        middle = target + shift * rotation[:, 0]
+        lever = surface.centre - middle
+        lever = lever - (lever @ rotation[:, 0]) * rotation[:, 0]
+        shares = (
+            1 - max(angles) / np.arctan(friction),
+            min(1.0, float(np.mean(covers))),
+            1 - float(np.linalg.norm(lever)) / surface.radius,
+        )
+        quality = quality_of(gripper, *(np.array(s) for s in (*shares, width)))
+        found[i] = shift, width, float(quality)
+    return found
+
+
+def _room_before_palm(
+    surface: Surface, gripper: Gripper, rotations: Floats, targets: Floats
+) -> Floats:
+    """(N,) by the share of `PALM_ROOM` that is left between the palm and what fingers close on."""
+    every = max(1, len(surface.points) // COARSE)
+    points = surface.points[::every]
+    share = np.zeros(len(targets))
+    for start in range(0, len(targets), AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        at = np.einsum("npi,nij->npj", points - targets[some, None], rotations[some])
+        between = (np.abs(at[:, :, 0]) < gripper.opening / 2) & (np.abs(at[:, :, 1]) < PAD)
+        back = np.where(between, -at[:, :, 2], 0).max(axis=1)
+        share[some] = np.clip((gripper.depth - back) / PALM_ROOM, 0, 1) ** 0.25
+    return share
+
+
+DISC = np.pi / 4 * CELLS**2
+"""Cells of a pad that is a disc."""
+
+
+def _from_all_sides(rotations: Floats, targets: Floats) -> NDArray[np.intp]:
+    """Grasps that are not much alike: first the best of each direction, then the next of each."""
+    closing, approach = rotations[:, :, 0], rotations[:, :, 2]
+    key = np.concatenate([targets / ALIKE, closing * 3, approach * 3], axis=1).round()
+    unlike = np.sort(np.unique(key, axis=0, return_index=True)[1])
+    side = np.concatenate([np.abs(closing[unlike]), approach[unlike]], axis=1).round()
+    group = np.unique(side, axis=0, return_inverse=True)[1].ravel()
+    by_group = np.argsort(group, kind="stable")
+    starts = np.searchsorted(group[by_group], group)
+    place = np.empty(len(unlike), np.intp)
+    place[by_group] = np.arange(len(unlike))
+    turn = place - starts
+    return unlike[np.argsort(turn, kind="stable")]
+
+
+def _room(grasps: Grasps, item: Obstacles) -> Floats:
+    """(N,) a share of 1/4 to 1: how many of `SHIFTS` leave the open gripper free of the object."""
+    free = np.zeros(len(grasps))
+    for shift in SHIFTS:
+        move = np.einsum("nij,j->ni", grasps.poses[:, :3, :3], np.array(shift))
+        moved = replace(grasps, poses=grasps.poses.copy(), pre_grasps=grasps.pre_grasps.copy())
+        moved.poses[:, :3, 3] += move
+        moved.pre_grasps[:, :3, 3] += move
+        free += free_grasps(moved, np.eye(4), NOTHING, item=item)
+    share: Floats = (1 + free) / (1 + len(SHIFTS))
+    return share
+
+
+def _first_free(grasps: Grasps, item: Obstacles) -> NDArray[np.intp]:
+    """The first grasps whose open gripper does not touch the object on its way."""
+    found: list[int] = []
+    for start in range(0, len(grasps), AT_ONCE):
+        some = np.arange(start, min(start + AT_ONCE, len(grasps)))
+        free = free_grasps(grasps[some], np.eye(4), NOTHING, item=item)
+        found += some[free].tolist()
+        if len(found) >= KEPT:
+            break
+    return np.array(found[:KEPT], np.intp)
+
+
+AT_ONCE = 64
+"""Grasps that are checked at a time, until enough of them are free."""
