@@ -40,7 +40,7 @@ TABLES = (
     "manipulation_actions",
 )
 
-ALONE = ("grasp_experiment", "hours", "solvers")
+ALONE = ("grasp_experiment", "grasping", "hours", "solvers")
 
 unknown = [name for name in sys.argv[1:] if name not in TABLES + ALONE]
 if unknown:

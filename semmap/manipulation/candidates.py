@@ -187,10 +187,9 @@ def grasp_candidates(
     rotations, offsets = rotations[keep], offsets[keep]
     targets, width, quality = held.target[keep], held.width[keep], held.quality[keep]
     approach = rotations[:, :, 2]
-    reach = np.interp(-width, -gripper.widths, gripper.reaches)
     poses = np.tile(np.eye(4), (len(width), 1, 1))
     poses[:, :3, :3] = rotations
-    poses[:, :3, 3] = targets - reach[:, None] * approach
+    poses[:, :3, 3] = targets - np.einsum("nij,nj->ni", rotations, gripper.pads_at(width))
     straight = np.zeros_like(approach)
     axis = np.argmax(np.abs(approach).round(9), axis=1)
     rows = np.arange(len(axis))

@@ -201,7 +201,7 @@ def free_way(
 
 def _hull_points(gripper: Gripper, posture: int, link: int) -> Floats:
     pose = gripper.poses[posture, link]
-    corners = gripper.robot.hull(gripper.links[link])
+    corners = gripper.hulls[link]
     points: Floats = corners @ pose[:3, :3].T + pose[:3, 3]
     return points
 

@@ -1,14 +1,16 @@
 """Grippers, as the URDF of a gripper or of a whole robot describes them.
 
-A palm is a link on which at least two fingers move: short chains without a branch. The grasp frame
-has its origin between the pads of the open fingers, +z is the approach and +x the direction in
-which the fingers close.
+A palm is a link on which at least two fingers move: short chains without a branch. Where a robot
+has none, a link that is one jaw itself and on which the other one moves. The grasp frame has its
+origin between the pads of the open fingers, +z is the approach and +x the direction in which the
+fingers close.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -18,6 +20,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh, join
+from semmap.geometry.outline import hull_points
 from semmap.manipulation.error import ManipulationError
 from semmap.robot.urdf import Joint, Robot, load_robot
 
@@ -36,6 +39,21 @@ STEPS = 33
 SAMPLES = 1500
 """Points on the surface of a link from which the width between fingers is measured."""
 
+
+WIDEST = 0.4
+"""Metres between fingers beyond which they are arms."""
+
+SLICE = 0.01
+"""Metres between slices of a link with a jaw, each of which is taken for convex."""
+
+WEDGE = 0.8
+"""Radians to which a jaw opens: two pads that friction of 0.5 holds on are within 0.93."""
+
+BESIDE = 0.008
+"""Metres that a jaw which does not move keeps from the object until the other one has closed."""
+
+MEETS = 0.02
+"""Metres within which the ends of two jaws are that meet."""
 
 SWING, SLIDE = 0.4, 0.04
 """Radians or metres by which each finger is assumed to open, from where the pads touch, if the URDF
@@ -59,8 +77,10 @@ class Gripper:
     Objects thicker than `depth`, metres from palm to pads, touch the palm. `spread` (P,) are
     offsets along y of the fingers on the side of +x, a single 0 where two oppose each other. A
     symmetric one may turn by half about the approach. `poses` (S, L, 4, 4) are those of all
-    `links`, the rigid ones first, in the grasp frame. `up` (3,) is the vertical in the grasp frame
-    where no joint of the arm tilts the gripper, else None.
+    `links`, the rigid ones first, in the grasp frame; `hulls` are corners (N, 3) in the frames of
+    the links, of which one with a jaw has several. `up` (3,) is the vertical in the grasp frame
+    where no joint of the arm tilts the gripper, else None. Where only one jaw moves, the middle
+    between the pads moves along x: by `aside` (S,) metres, less what the other jaw keeps away.
     """
 
     name: str
@@ -77,6 +97,8 @@ class Gripper:
     links: tuple[str, ...]
     poses: Floats = field(repr=False)
     robot: Robot = field(repr=False)
+    hulls: tuple[Floats, ...] = field(repr=False)
+    aside: Floats = field(repr=False)
     up: Floats | None = None
     is_assumed: bool = False  # the URDF has no limits of the finger joints: `SWING`, `SLIDE`
 
@@ -88,6 +110,13 @@ class Gripper:
     def opening(self) -> float:
         """Metres between the pads of the open gripper."""
         return float(self.widths[0])
+
+    def pads_at(self, widths: Floats) -> Floats:
+        """(N, 3) where what is held is in the grasp frame, at widths (N,) between the pads."""
+        found = np.zeros((len(widths), 3))
+        for axis, series in ((0, self.aside), (2, self.reaches)):
+            found[:, axis] = np.interp(-widths, -self.widths, series)
+        return found
 
     @property
     def rigid(self) -> frozenset[str]:
@@ -130,28 +159,44 @@ class Gripper:
 def read_gripper(path: Path | str, palm: str | None = None) -> Gripper:
     """The gripper of a URDF on the link `palm`, else the first; ManipulationError for none."""
     robot = load_robot(path)
-    found = find_grippers(robot, None if palm is None else (palm,))
+    found, problems = _search(robot, None if palm is None else (palm,))
     if not found:
         which = "no link has" if palm is None else f"link {palm} does not have"
+        why = "; ".join((*problems, *_fixed_fingers(robot)))
         raise ManipulationError(
-            f"{path}: {which} two fingers that open. Give the URDF of a gripper, or of a robot "
-            "with one, whose finger joints have limits"
+            f"{path}: {which} two fingers that open{f' ({why})' if why else ''}. Give the URDF of "
+            "a gripper, or of a robot with one, whose finger joints have limits"
         )
     return found[0]
 
 
 def find_grippers(robot: Robot, palms: Sequence[str] | None = None) -> list[Gripper]:
     """The grippers of a robot, in the order of its links."""
+    return _search(robot, palms)[0]
+
+
+def _search(robot: Robot, palms: Sequence[str] | None) -> tuple[list[Gripper], list[str]]:
+    """The grippers of a robot, those with a jaw if there is no other; and why palms have none."""
     tree = _Tree(robot)
-    found = []
-    for palm in tree.palms():
+    found: list[Gripper] = []
+    problems = []
+    for palm, made in (*((p, _gripper) for p in tree.palms()), *((p, _jaw) for p in tree.jaws())):
+        if made is _jaw and found:
+            break
         if palms is None or palm in palms or set(tree.rigid(palm)) & set(palms):
-            gripper = _gripper(robot, tree, palm)
-            if gripper is not None:
-                found.append(gripper)
+            try:
+                found.append(made(robot, tree, palm))
+            except ManipulationError as error:
+                problems += [f"{palm}: {error}"] if made is _gripper else []
     if len(found) > 1:
-        return [replace(each, name=f"{robot.name}/{each.palm}") for each in found]
-    return found
+        found = [replace(each, name=f"{robot.name}/{each.palm}") for each in found]
+    return found, problems
+
+
+def _fixed_fingers(robot: Robot) -> list[str]:
+    """What links are that are named as fingers and do not move."""
+    fixed = [j.child for j in robot.joints if not j.moves and "finger" in j.child.lower()]
+    return [f"{', '.join(fixed[:3])} do not move"] if fixed else []
 
 
 class _Tree:
@@ -195,6 +240,15 @@ class _Tree:
                 poses[joint.child] = poses[joint.parent] @ self.robot.transform(joint, posture)
         return poses
 
+    def jaws(self) -> list[str]:
+        """Links on which a single link moves that nothing moves on."""
+        found = []
+        for link in dict.fromkeys(self.group.values()):
+            moving = self.moving(link)
+            if len(moving) == 1 and len(self.chain(moving[0]) or ()) == 1:
+                found.append(moving[0].parent)
+        return found
+
     def palms(self) -> list[str]:
         """Links with at least two moving chains, none of which branches."""
         found = []
@@ -207,15 +261,19 @@ class _Tree:
 
 @dataclass
 class _Finger:
-    """A chain of moving joints, with points on its links."""
+    """A chain of moving joints, none of a jaw that does not move, with points on its links.
 
+    `root` is the link whose origin it begins at.
+    """
+
+    root: str
     joints: list[Joint]
     links: tuple[str, ...]
     points: dict[str, Floats]
 
 
-def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
-    """The gripper of a palm; None if its fingers do not open."""
+def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper:
+    """The gripper of a palm; ManipulationError says why its fingers do not open."""
     fingers = []
     for joint in tree.moving(palm):
         chain = tree.chain(joint)
@@ -223,32 +281,88 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
         links = tuple(link for each in chain for link in tree.rigid(each.child))
         points = {link: _surface(robot.meshes[link]) for link in links if link in robot.meshes}
         if points:
-            fingers.append(_Finger(chain, links, points))
+            fingers.append(_Finger(chain[0].child, chain, links, points))
     if len(fingers) < 2:
-        return None
+        raise ManipulationError("its fingers have no meshes")
     robot = _with_limits(tree, palm, fingers)
     is_assumed = robot is not tree.robot
     tree = _Tree(robot)
     opened, closed = _ends(tree, palm, fingers)
     if opened == closed:
-        return None
+        raise ManipulationError("the joints of its fingers have no limits")
     middle = {name: (opened[name] + closed[name]) / 2 for name in opened}
     poses = tree.poses(palm, middle)
     tips, roots = _tips(fingers, poses), _roots(fingers, poses)
-    if np.linalg.norm(tips - roots, axis=1).max() > FINGER:
-        return None
+    longest = float(np.linalg.norm(tips - roots, axis=1).max())
+    if longest > FINGER:
+        raise ManipulationError(f"what moves on it is {longest:.2g} m long: no finger")
     along = (tips - roots.mean(axis=0)) @ _unit(np.mean(tips - roots, axis=0))
     kept = [f for f, far in zip(fingers, along, strict=True) if far > 0.7 * along.max()]
     if len(kept) < 2:
-        return None
+        raise ManipulationError("its fingers do not point the same way where they are half open")
     hand = any(sum(j.mimics is None for j in f.joints) > 1 for f in kept)
+    return _measured(
+        tree, palm, fingers, kept, (opened, closed), STEPS // 4 if hand else 0, is_assumed
+    )
+
+
+def _jaw(robot: Robot, tree: _Tree, palm: str) -> Gripper:
+    """The gripper of a link that is a jaw, and of the one that moves on it."""
+    (joint,) = tree.moving(palm)
+    links = tuple(link for link in tree.rigid(palm) if link in tree.poses(palm, {}))
+    moved = tree.rigid(joint.child)
+    jaws = [
+        _Finger(
+            root, joints, some, {k: _surface(robot.meshes[k]) for k in some if k in robot.meshes}
+        )
+        for root, joints, some in ((palm, [], links), (joint.child, [joint], moved))
+    ]
+    if joint.type not in ("revolute", "prismatic") or not np.isfinite(joint.limits).all():
+        raise ManipulationError("nothing opens on it")
+    if not all(jaw.points for jaw in jaws):
+        raise ManipulationError("its jaws have no meshes")
+    apart = [_apart(jaws, tree.poses(palm, {joint.name: end})) for end in joint.limits]
+    shut, wide = joint.limits if apart[0] < apart[1] else joint.limits[::-1]
+    if joint.type == "revolute":
+        wide = shut + float(np.clip(wide - shut, -WEDGE, WEDGE))
+    if min(apart) > MEETS or abs(wide - shut) < 1e-3:
+        raise ManipulationError("its jaws do not meet")
+    ends = {joint.name: wide}, {joint.name: shut}
+    return _measured(tree, palm, jaws, jaws, ends, STEPS // 2, False)
+
+
+def _apart(jaws: Sequence[_Finger], poses: Mapping[str, Floats]) -> float:
+    """Metres from the tip of the jaw that moves to the other one."""
+    tip = _tip(jaws[1], poses)
+    return float(np.linalg.norm(_placed(jaws[0], poses) - tip, axis=1).min())
+
+
+def _measured(
+    tree: _Tree,
+    palm: str,
+    fingers: Sequence[_Finger],
+    kept: Sequence[_Finger],
+    ends_: tuple[dict[str, float], dict[str, float]],
+    framed: int,
+    is_assumed: bool,
+) -> Gripper:
+    """The gripper of fingers, of which those that are `kept` touch objects.
+
+    `ends_` are the open and the closed positions of joints; of the postures between them, that of
+    number `framed` has the grasp frame.
+    """
+    robot, (opened, closed) = tree.robot, ends_
+    hand = any(sum(j.mimics is None for j in f.joints) > 1 for f in kept)
+    one_jaw = not all(f.joints for f in kept)
     fractions = np.linspace(0, 1, STEPS)
     postures = [
         {name: opened[name] + s * (closed[name] - opened[name]) for name in opened}
         for s in fractions
     ]
     placed = [tree.poses(palm, posture) for posture in postures]
-    frame, sides = _frame(kept, placed[STEPS // 4 if hand else 0], hand)
+    if one_jaw:
+        kept = [_jaw_end(kept, placed[-1]), kept[1]]
+    frame, sides = _frame(kept, placed[framed], hand)
     inverse = np.linalg.inv(frame)
     seen = [{k: inverse @ pose for k, pose in poses.items()} for poses in placed]
     measured = [_measure(kept, sides, poses) for poses in seen]
@@ -259,7 +373,9 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
     widths = [m.width for m in measured]
     first, last = _closing(widths)
     if widths[first] - widths[last] < 5e-3:
-        return None
+        raise ManipulationError("its fingers do not open")
+    if widths[first] > WIDEST:
+        raise ManipulationError(f"what moves on it opens {widths[first]:.2g} m: no fingers")
     chosen = slice(first, last + 1)
     postures, measured, placed = postures[chosen], measured[chosen], placed[chosen]
     opened_at, ends = measured[0], np.array([m.end for m in measured])
@@ -270,11 +386,21 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
     at_rest = robot.link_poses({}, (palm, *rigid))
     placed_at = {k: inverse @ np.linalg.inv(at_rest[palm]) @ at_rest[k] for k in rigid}
     rigid = tuple(k for k in rigid if not _is_margin(robot, k, placed_at[k]))
-    moved = tuple(link for f in fingers for link in f.links if link in robot.meshes)
+    hulls = {k: [robot.hull(k)] for k in rigid}
+    if one_jaw:  # the hull of a jaw and its mount fills what the other one closes
+        hulls = {k: _slices(robot.meshes[k], placed_at[k]) for k in rigid}
+    rigid = tuple(k for k in rigid for _ in hulls[k])
+    moved = tuple(link for f in fingers if f.joints for link in f.links if link in robot.meshes)
     links, fixed = rigid + moved, [placed_at[link] for link in rigid]
     poses_all = np.array([[*fixed, *(inverse @ poses[k] for k in moved)] for poses in placed])
-    front = _front(robot, rigid, poses_all[0], opened_at.width)
+    between = opened_at.width / (4 if one_jaw else 2)
+    front = _front(robot, rigid, poses_all[0], between)
     beside = np.array(opened_at.across)[np.array(sides) > 0] - middle_y
+    series = np.maximum([m.width for m in measured], 0.0)
+    aside = np.zeros(len(series))
+    if one_jaw:  # the moving jaw brings the object to the other one
+        left = (series[0] - series) / 2
+        aside = sides[0] * np.maximum(left - BESIDE, 0)
     return Gripper(
         robot.name,
         "multi-finger" if hand else "parallel",
@@ -282,17 +408,48 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
         frame,
         tuple(f.links for f in kept),
         tuple(postures),
-        np.maximum([m.width for m in measured], 0.0),
+        series,
         ends - ends[0],
         max(0.0, -front),
         beside if hand else np.zeros(1),
-        _is_symmetric(robot, links, poses_all[0], (palm, *moved)),
+        not one_jaw and _is_symmetric(robot, links, poses_all[0], (palm, *moved)),
         links,
         poses_all,
         robot,
+        (*(hull for k in dict.fromkeys(rigid) for hull in hulls[k]), *map(robot.hull, moved)),
+        aside,
         _up(robot, palm, frame),
         is_assumed,
     )
+
+
+def _jaw_end(jaws: Sequence[_Finger], closed: Mapping[str, Floats]) -> _Finger:
+    """The part of the fixed jaw that the end of the other one meets."""
+    fixed, tip = jaws[0], _tip(jaws[1], closed)
+    near = {
+        link: points[np.linalg.norm(_moved(points, closed[link]) - tip, axis=1) < 1.5 * PAD]
+        for link, points in fixed.points.items()
+    }
+    return replace(fixed, points={link: points for link, points in near.items() if len(points)})
+
+
+def _slices(mesh: Mesh, pose: Floats) -> list[Floats]:
+    """Corners (N, 3) of the hulls of a link's slices along the approach, in the link's frame.
+
+    `pose` (4, 4) is that of the link in the grasp frame.
+    """
+    import trimesh  # slow to load
+
+    whole = trimesh.Trimesh(_moved(mesh.vertices, pose), mesh.faces)
+    low, high = whole.bounds[:, 2]
+    levels = np.linspace(low, high, max(2, int(np.ceil((high - low) / SLICE)) + 1))
+    found = []
+    for below, above in pairwise(levels):
+        part = whole.slice_plane((0, 0, below), (0, 0, 1)).slice_plane((0, 0, above), (0, 0, -1))
+        if len(part.vertices) > 3 and np.ptp(part.vertices, axis=0).min() > 1e-6:
+            corners = hull_points(Mesh(np.asarray(part.vertices), np.asarray(part.faces)))
+            found.append(_moved(corners, np.linalg.inv(pose).astype(np.float64)))
+    return found
 
 
 def _with_limits(tree: _Tree, palm: str, fingers: Sequence[_Finger]) -> Robot:
@@ -377,15 +534,18 @@ def _surface(mesh: Mesh) -> Floats:
 
 
 def _placed(finger: _Finger, poses: Mapping[str, Floats]) -> Floats:
-    return np.concatenate(
-        [points @ poses[k][:3, :3].T + poses[k][:3, 3] for k, points in finger.points.items()]
-    )
+    return np.concatenate([_moved(points, poses[k]) for k, points in finger.points.items()])
+
+
+def _moved(points: Floats, pose: Floats) -> Floats:
+    moved: Floats = points @ pose[:3, :3].T + pose[:3, 3]
+    return moved
 
 
 def _tip(finger: _Finger, poses: Mapping[str, Floats]) -> Floats:
     """The middle of the tenth of a finger's points that is farthest from its first joint."""
     points = _placed(finger, poses)
-    far = np.linalg.norm(points - poses[finger.joints[0].child][:3, 3], axis=1)
+    far = np.linalg.norm(points - poses[finger.root][:3, 3], axis=1)
     tip: Floats = points[far >= np.quantile(far, 0.9)].mean(axis=0)
     return tip
 
@@ -427,7 +587,7 @@ def _tips(fingers: Sequence[_Finger], poses: Mapping[str, Floats]) -> Floats:
 
 
 def _roots(fingers: Sequence[_Finger], poses: Mapping[str, Floats]) -> Floats:
-    return np.array([poses[f.joints[0].child][:3, 3] for f in fingers])
+    return np.array([poses[f.root][:3, 3] for f in fingers])
 
 
 def _frame(
@@ -508,7 +668,7 @@ def _is_margin(robot: Robot, link: str, pose: Floats) -> bool:
     return bool((planes[:, :3] @ between + planes[:, 3] < 0).all())
 
 
-def _front(robot: Robot, rigid: Sequence[str], poses: Floats, opening: float) -> float:
+def _front(robot: Robot, rigid: Sequence[str], poses: Floats, between_x: float) -> float:
     """The highest z of the palm between the fingers, in the grasp frame."""
     if not rigid:
         return -0.1
@@ -518,7 +678,7 @@ def _front(robot: Robot, rigid: Sequence[str], poses: Floats, opening: float) ->
             for link, pose in zip(rigid, poses, strict=False)
         ]
     )
-    between = (np.abs(points[:, 0]) < opening / 2) & (np.abs(points[:, 1]) < PAD)
+    between = (np.abs(points[:, 0]) < between_x) & (np.abs(points[:, 1]) < PAD)
     return float(points[between, 2].max()) if between.any() else float(points[:, 2].max())
 
 

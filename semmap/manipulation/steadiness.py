@@ -36,12 +36,11 @@ def steadiness(
     in_model = np.array([row["model_pose"].matrix for row in rows])
     middle = shape.pose @ np.append(solid_of(shape.kind, shape.size).centre, 1.0)
     centre = (there @ np.linalg.inv(in_model) @ middle)[:, :3]
-    closing, approach = there[:, :3, 0], there[:, :3, 2]
+    closing = there[:, :3, 0]
     pads = there[:, :3, 3]
     if gripper is not None:
         widths = np.array([gripper.opening if (w := row["width"]) is None else w for row in rows])
-        reach = np.interp(-widths, -gripper.widths, gripper.reaches)
-        pads = pads + reach[:, None] * approach
+        pads = pads + np.einsum("nij,nj->ni", there[:, :3, :3], gripper.pads_at(widths))
     lever = centre - pads
     lever[:, 2] = 0  # what hangs straight below does not turn
     lever -= np.einsum("ni,ni->n", lever, closing)[:, None] * closing

@@ -186,8 +186,8 @@ def surface_grasps(
 def held_by(surface: Surface, grasps: Grasps, friction: float = FRICTION) -> Grasps:
     """Grasps by what their pads meet on a surface; those that hold nothing there are left out."""
     gripper, rotations = grasps.gripper, grasps.poses[:, :3, :3]
-    reach = np.interp(-grasps.widths, -gripper.widths, gripper.reaches)
-    targets = grasps.poses[:, :3, 3] + reach[:, None] * rotations[:, :, 2]
+    pads = np.einsum("nij,nj->ni", rotations, gripper.pads_at(grasps.widths))
+    targets = grasps.poses[:, :3, 3] + pads
     held = _contacts(surface, gripper, rotations, targets, friction)
     kept = np.flatnonzero(held[:, 2] > 0)
     rotations, targets, quality, width = _placed(surface, gripper, rotations, targets, held)
@@ -212,10 +212,9 @@ def _placed(
 
 def _poses(gripper: Gripper, rotations: Floats, targets: Floats, width: Floats) -> Floats:
     """Grasp frames (N, 4, 4) whose pads are around targets when they have closed."""
-    reach = np.interp(-width, -gripper.widths, gripper.reaches)
     poses = np.tile(np.eye(4), (len(width), 1, 1))
     poses[:, :3, :3] = rotations
-    poses[:, :3, 3] = targets - reach[:, None] * rotations[:, :, 2]
+    poses[:, :3, 3] = targets - np.einsum("nij,nj->ni", rotations, gripper.pads_at(width))
     return poses
 
 

@@ -199,9 +199,10 @@ class Trial:
         bodies = {gripper.palm: palm}
         inverse = np.asarray(np.linalg.inv(gripper.frame), np.float64)
         fixed = gripper.rigid
-        rigid = [link for link in gripper.links if link in fixed]
-        for link in rigid:
-            self._add_link(spec, palm, link, gripper.poses[0, gripper.links.index(link)])
+        rigid = [k for k, link in enumerate(gripper.links) if link in fixed]
+        for k in rigid:
+            name = f"{gripper.links[k]} {k}"
+            self._add_hull(spec, palm, name, gripper.hulls[k], gripper.poses[0, k])
         below: dict[str, Floats] = {gripper.palm: inverse}
         driven = set(gripper.joints)
         names, followers = set[str](), []
@@ -212,7 +213,7 @@ class Trial:
             if not joint.moves:
                 below[joint.child] = below[joint.parent] @ step
                 bodies[joint.child] = bodies[joint.parent]
-                if joint.child not in rigid:
+                if joint.child not in fixed:
                     self._add_link(spec, bodies[joint.child], joint.child, below[joint.child])
                 continue
             at = below[joint.parent] @ step
@@ -256,15 +257,18 @@ class Trial:
     def _add_link(self, spec: Any, body: Any, link: str, pose: Floats) -> None:
         if link not in self.gripper.robot.meshes:
             return
+        self._add_hull(spec, body, link, self.gripper.robot.hull(link), pose)
+
+    def _add_hull(self, spec: Any, body: Any, name: str, corners: Floats, pose: Floats) -> None:
         mujoco = self._mujoco
-        hull = _hull(self.gripper.robot.hull(link).tobytes())
+        hull = _hull(np.ascontiguousarray(corners).tobytes())
         if hull is None:
             return
         vertices, faces = hull
-        mesh = spec.add_mesh(name=f"hull of {link}")
+        mesh = spec.add_mesh(name=f"hull of {name}")
         mesh.uservert = (vertices @ pose[:3, :3].T + pose[:3, 3]).ravel().tolist()
         mesh.userface = faces.ravel().tolist()
-        shape = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"hull of {link}")
+        shape = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name)
         shape.condim = 4
         shape.mass = 0.0
 

@@ -19,6 +19,12 @@ REAL = {
     "tiago": "tiago_description/robots/tiago.urdf",
     "allegro": "allegro_hand_description/urdf/allegro_right_hand.urdf",
     "ur5": "ur_description/urdf/ur5_robot.urdf",
+    "so100": "so_arm_description/urdf/so100.urdf",
+    "z1": "z1_description/urdf/z1.urdf",
+    "alex": "alex_description/urdf/alex_sake_hands.urdf",
+    "icub": "icub_description/robots/icub.urdf",
+    "kinova": "kinova_description/robots/kinova.urdf",
+    "laikago": "laikago_description/urdf/laikago.urdf",
 }
 
 BY_HAND = """<robot name="two_plates">
@@ -30,6 +36,18 @@ BY_HAND = """<robot name="two_plates">
 </robot>
 """  # noqa: E501
 """Two plates of 6 cm that open to 10 cm; the pads' middle is 5 cm above the palm."""
+
+
+JAW = """<robot name="one_jaw">
+  <link name="mount">
+    <collision><origin xyz="0 0 -0.02"/><geometry><box size="0.08 0.03 0.04"/></geometry></collision>
+    <collision><origin xyz="-0.03 0 0.04"/><geometry><box size="0.01 0.02 0.08"/></geometry></collision>
+  </link>
+  <link name="jaw"><collision><origin xyz="0 0 0.04"/><geometry><box size="0.01 0.02 0.08"/></geometry></collision></link>
+  <joint name="slide" type="prismatic"><parent link="mount"/><child link="jaw"/><origin xyz="-0.02 0 0"/><axis xyz="1 0 0"/><limit lower="0" upper="0.05" effort="20" velocity="1"/></joint>
+</robot>
+"""  # noqa: E501
+"""A plate that slides from a fixed one, up to 5 cm away; both reach 8 cm above the mount."""
 
 
 class Shape(NamedTuple):

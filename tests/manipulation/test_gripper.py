@@ -8,7 +8,7 @@ import trimesh
 
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import find_grippers, read_gripper
-from tests.manipulation.grippers import BY_HAND, gripper_by_hand, real_gripper, urdf
+from tests.manipulation.grippers import BY_HAND, JAW, gripper_by_hand, real_gripper, urdf
 
 
 def test_a_gripper_by_hand(tmp_path):
@@ -99,6 +99,53 @@ def test_postures_lead_to_the_widths():
         index = gripper.index(width)
         assert gripper.widths[index] >= width - 1e-9
         assert gripper.posture(gripper.widths[index]) == pytest.approx(gripper.postures[index])
+
+
+def test_a_jaw_that_closes_on_a_fixed_one(tmp_path):
+    gripper = read_gripper(gripper_file(tmp_path, JAW))
+    assert (gripper.kind, gripper.palm, gripper.is_symmetric) == ("parallel", "mount", False)
+    assert gripper.opening == pytest.approx(0.05, abs=1e-9)
+    assert gripper.depth == pytest.approx(0.07, abs=2e-3)
+    np.testing.assert_allclose(gripper.frame[:3, 3], [0, 0, 0.07], atol=1e-3)
+    np.testing.assert_allclose(gripper.frame[:3, 2], [0, 0, 1], atol=1e-9)
+    # A thing of 2 cm is taken 8 mm beside the fixed jaw, at x = -0.025 + 0.008 + 0.01.
+    (held,) = gripper.pads_at(np.array([0.02])) @ gripper.frame[:3, :3].T + gripper.frame[:3, 3]
+    np.testing.assert_allclose(held, [-0.007, 0, 0.07], atol=1e-3)
+    np.testing.assert_allclose(gripper.pads_at(np.array([0.05])), 0, atol=1e-9)
+    between = np.array([0.0, 0.0, 0.0])  # no hull of a slice fills the space between the jaws
+    for link, pose, hull in zip(gripper.links, gripper.poses[0], gripper.hulls, strict=True):
+        corners = hull @ pose[:3, :3].T + pose[:3, 3]
+        inside = trimesh.convex.convex_hull(corners).contains([between])[0]
+        assert not inside, link
+
+
+@pytest.mark.parametrize(("name", "palm"), [("so100", "gripper"), ("z1", "gripperStator")])
+def test_real_grippers_with_one_jaw(name, palm):
+    gripper = real_gripper(name)
+    assert gripper.palm == palm
+    assert 0.04 < gripper.opening < 0.08
+    assert (np.diff(gripper.widths) < 0).all()
+    assert gripper.widths[-1] < 0.003
+    meshes = [trimesh.Trimesh(m.vertices, m.faces) for m in gripper.meshes(1.0).values()]
+    whole: trimesh.Trimesh = trimesh.util.concatenate(meshes)
+    for width in (gripper.opening, gripper.opening / 2):  # the open jaws are beside what is there
+        (held,) = gripper.pads_at(np.array([width]))
+        met = whole.ray.intersects_location([held] * 2, [[1, 0, 0], [-1, 0, 0]])[0]
+        assert np.linalg.norm(met - held, axis=1).min() > width / 2 - 0.004
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("alex", "LeftSakePalmLink: its fingers do not point the same way"),
+        ("icub", r"chest: what moves on it opens 0\.62 m: no fingers"),
+        ("kinova", "j2s6s200_link_finger_1, .* do not move"),
+        ("laikago", "no link has two fingers that open"),  # legs are no jaws
+    ],
+)
+def test_what_is_no_gripper_is_told_with_the_reason(name, why):
+    with pytest.raises(ManipulationError, match=why):
+        real_gripper(name)
 
 
 def test_no_fingers(tmp_path):

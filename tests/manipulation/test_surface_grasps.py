@@ -14,8 +14,8 @@ from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.convex_pieces import convex_pieces
 from semmap.manipulation.evaluation import mismatch
-from semmap.manipulation.gripper import Gripper
-from semmap.manipulation.solids import solid_hull
+from semmap.manipulation.gripper import Gripper, read_gripper
+from semmap.manipulation.solids import solid_hull, solid_of
 from semmap.manipulation.surface_grasps import (
     Surface,
     held_by,
@@ -25,7 +25,7 @@ from semmap.manipulation.surface_grasps import (
 )
 from semmap.manipulation.trial import Trial, body_of
 from semmap.perception.mesh_shapes import mesh_primitive
-from tests.manipulation.grippers import gripper_by_hand, real_gripper
+from tests.manipulation.grippers import JAW, Shape, gripper_by_hand, real_gripper
 from tests.manipulation.hollow_things import boxes, cup, mug, plate
 
 
@@ -139,7 +139,8 @@ def test_grasps_of_a_primitive_are_judged_by_what_is_there(tmp_path: Path) -> No
     middle = np.abs(judged.poses[:, 2, 3]) < 0.03
     assert middle.any()
     np.testing.assert_allclose(judged.widths[middle], 0.016, atol=1e-3)
-    assert not held_by(Surface(*[np.full((1, 3), 9.0)] * 2, np.zeros(3)), judged).poses.size
+    far = Surface(np.full((1, 3), 9.0), np.eye(3)[:1], np.zeros(3))
+    assert not len(held_by(far, judged))
 
 
 def test_what_is_too_wide_or_a_thin_shell_is_no_error() -> None:
@@ -170,6 +171,23 @@ def test_pieces_of_a_cup_leave_it_hollow() -> None:
     assert sum(hull.volume for hull in hulls) == pytest.approx(mesh.volume, rel=0.2)
     ball = trimesh.creation.icosphere(radius=0.05)
     assert len(convex_pieces(Mesh(np.asarray(ball.vertices), np.asarray(ball.faces)))) == 1
+
+
+@pytest.mark.parametrize("size", [(0.03, 0.04, 0.06), (0.02, 0.02, 0.08)])
+def test_a_gripper_with_one_jaw_lifts_blocks(tmp_path: Path, size: tuple[float, ...]) -> None:
+    path = tmp_path / "jaw.urdf"
+    path.write_text(JAW)
+    gripper = read_gripper(path)
+    standing = np.eye(4)
+    standing[2, 3] = size[2] / 2 + 5e-4
+    body = body_of(solid_of("cuboid", size), mass=0.1, friction=0.6)
+    grasps = grasp_candidates(Shape("cuboid", size), gripper)
+    above = grasps[np.flatnonzero(grasps.poses[:, 2, 2] < -0.9)]
+    trial = Trial(gripper, body, standing)
+    outcomes = [trial.run(grasp) for grasp in above[:3]]
+    assert [mismatch(outcome) for outcome in outcomes] == [None] * 3
+    # The jaw that moves brings the block to the other one, 8 mm away, not half of the opening.
+    assert all(0.004 < abs(outcome.shift[0]) < 0.012 for outcome in outcomes)
 
 
 @pytest.mark.parametrize("name", ["panda", "pr2"])
