@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import psycopg
 
+    from semmap.arrays import Floats
     from semmap.manipulation.found_actions import FoundActions
 
 
@@ -25,9 +26,12 @@ class DatabaseManipulation:
         tolerance: float | None = None,
         gripper: str | Path | None = None,
         kind: str = "grasp",
+        stored: bool = False,
         limit: int = 10,
     ) -> FoundActions:
-        """The stored grasps of objects of a similar shape, in the frame of the shape.
+        """The stored grasps of objects of a similar shape, else generated ones; shape's frame.
+
+        Generated ones are not stored, and have no `action_id`.
 
         Parameters
         ----------
@@ -36,16 +40,55 @@ class DatabaseManipulation:
         tolerance : the most by which a size may differ, metres; by default 0.01
         gripper : a stored one, or the path of a URDF; by default the preferred one
         kind : grasp, place, push, turn, open or put
+        stored : generate nothing
+        limit : the most rows
 
         Raises
         ------
         LookupError, ValueError
             There is no such gripper, or it is not a shape.
         """
-        from semmap.manipulation.retrieval import stored_for_shape
+        from semmap.manipulation.unknown_objects import grasps_of_shape
 
         options: Any = {"tolerance": 0.01 if tolerance is None else tolerance, "gripper": gripper}
-        return stored_for_shape(self.session, shape, size, kind=kind, limit=limit, **options)
+        options |= {"kind": kind, "limit": limit, "stored": stored}
+        return grasps_of_shape(self.session, shape, size, **options)
+
+    def grasps_in_cloud(
+        self,
+        cloud: str | Path | Floats,
+        at: Sequence[float],
+        *,
+        tolerance: float | None = None,
+        gripper: str | Path | None = None,
+        limit: int = 10,
+    ) -> FoundActions:
+        """How to grasp what stands at a point of a cloud of a table; in the cloud's frame, z up.
+
+        Grasps at which the gripper touches the table, other points or the object before it closes
+        are left out. Nothing is stored.
+
+        Parameters
+        ----------
+        cloud : a PLY or NPY file, or points (n, 3), metres
+        at : (x, y, z), metres: a point on the object
+        tolerance : metres from the point to the object; by default 0.05
+        gripper : a stored one, or the path of a URDF; by default the preferred one
+        limit : the most rows
+
+        Raises
+        ------
+        LookupError
+            There is no such gripper, or no object at the point.
+        ValueError
+            A cloud without a table, or a file that cannot be read.
+        """
+        from semmap.manipulation.unknown_objects import grasps_in_cloud
+        from semmap.perception.point_cloud import read_cloud
+
+        points = read_cloud(Path(cloud)) if isinstance(cloud, str | Path) else cloud
+        options: Any = {"tolerance": 0.05 if tolerance is None else tolerance, "gripper": gripper}
+        return grasps_in_cloud(self.session, points, at, limit=limit, **options)
 
     def add_gripper(
         self,

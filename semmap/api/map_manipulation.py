@@ -77,8 +77,8 @@ class MapManipulation(MapQuestions):
             find_grasps,
             gripper_or_urdf,
             stored_actions,
-            stored_for_shape,
         )
+        from semmap.manipulation.unknown_objects import grasps_of_shape
 
         asked: dict[str, Any]
         if sum(given is not None for given in (name, for_, at, shape)) != 1:
@@ -89,9 +89,8 @@ class MapManipulation(MapQuestions):
                 raise ValueError("shape is a name and sizes, such as ('sphere', 0.04)")
             _for_robots_only(robot=robot, base=base, plan=plan, state=state)
             asked = {"tolerance": 0.01 if tolerance is None else tolerance, "gripper": gripper}
-            return stored_for_shape(
-                self.connection, shape[0], shape[1:], kind=kind, limit=limit, **asked
-            )
+            asked |= {"kind": kind, "limit": limit, "stored": stored}
+            return grasps_of_shape(self.connection, shape[0], shape[1:], **asked)
         near = 0.05 if tolerance is None else tolerance
         asked = {"name": name, "function": for_, "point": at, "tolerance": near}
         with self.transaction():

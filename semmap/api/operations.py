@@ -169,6 +169,7 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.practise", "manipulation try", "admin"),
     Operation("Map.list_manipulations", "manipulation tasks", "reader"),
     Operation("Database.grasps_of_shape", "grasp", "reader"),
+    Operation("Database.grasps_in_cloud", "grasp", "reader"),
     Operation("Database.add_gripper", "manipulation add-gripper", "admin"),
     Operation("Database.list_grippers", "manipulation grippers", "reader"),
     Operation("Database.add_manipulator", "manipulation add-robot", "admin"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from semmap.manipulation.found_actions import FoundActions
 
 COLUMNS = ("entity", "approach", "expected", "attempts", "width", "x", "y", "z", "contributor")
+UNKNOWN_COLUMNS = ("approach", "expected", "width", "x", "y", "z")
 PLACE_COLUMNS = ("entity", "on", "approach", "expected", "attempts", "clearance", "x", "y", "z")
 PUSH_COLUMNS = ("entity", "direction", "expected", "attempts", "x", "y", "z", "contributor")
 BASE = "X,Y,YAW[,Z]"
@@ -30,24 +32,35 @@ def grasp_command(
     shape: str | None = Option(
         None, metavar="SHAPE=SIZES", help="A shape alone: cylinder=0.03,0.1; metres."
     ),
+    cloud: Path | None = Option(
+        None, metavar="FILE", help="A cloud, z up (PLY, NPY): what stands there at --at."
+    ),
     json_: Json = False,
 ) -> None:
     """Show how to grasp an object: stored grasps, the best first, else generated ones.
 
     semmap grasp cup --gripper pr2; semmap grasp --for drinking; semmap grasp --at 1.2,0.5,0.8
     semmap grasp cup1 --robot tiago --base 1.2,0.4,1.57 --plan
+    semmap grasp --shape cylinder=0.03,0.1; semmap grasp --cloud scan.ply --at 0.1,0.2,0.75
     """
+    if cloud is not None:
+        if call.values.get("at") is None:
+            raise typer.BadParameter("--cloud goes with --at: a point on the object")
+        names = _alone(call, "--cloud", "at", "tolerance", "gripper", "limit")
+        given = {key: call.texts[key] for key in names} | {"at": call.values["at"]}
+        with open_database() as db:
+            _show(db.grasps_in_cloud(cloud, **given), json_, UNKNOWN_COLUMNS, "")
+        return
     if [shape, *map(call.values.get, ("name", "for_", "at"))].count(None) != 3:
         raise typer.BadParameter("give NAME, or one of --for, --at and --shape")
     if shape is None:
-        made_for = "" if "robot" in call.values else "grasps"
+        made_for = None if "robot" in call.values else "grasps"
         _show(call(), json_, COLUMNS, made_for)
         return
-    given = {key: call.texts[key] for key in ("tolerance", "gripper", "kind", "limit")}
-    if any(read for key, read in call.texts.items() if key not in (*given, "stored")):
-        raise typer.BadParameter("--shape goes with --tolerance, --gripper, --kind and --limit")
+    names = _alone(call, "--shape", "tolerance", "gripper", "kind", "limit", "stored")
+    given = {key: call.texts[key] for key in names}
     with open_database() as db:
-        _show(db.grasps_of_shape(*_shape(shape), **given), json_, COLUMNS[1:], "grasps")
+        _show(db.grasps_of_shape(*_shape(shape), **given), json_, COLUMNS[1:], "")
 
 
 @command_of("Map.places", on="--on", base=BASE)
@@ -69,15 +82,25 @@ def push_command(call: MethodCall, json_: Json = False) -> None:
     _show(call(), json_, PUSH_COLUMNS, "pushes")
 
 
+def _alone(call: MethodCall, option: str, *names: str) -> tuple[str, ...]:
+    """The options that go with one for an unknown object; BadParameter if others are given."""
+    if any(read for key, read in call.texts.items() if key not in (*names, "kind")):
+        *first, last = (f"--{name}" for name in names)
+        raise typer.BadParameter(f"{option} goes with {', '.join(first)} and {last}")
+    return names
+
+
 def _show(
-    found: FoundActions, json_: bool, columns: Sequence[str], made: str, where: str = "pose"
+    found: FoundActions, json_: bool, columns: Sequence[str], made: str | None, where: str = "pose"
 ) -> None:
     """Print actions, with the position of one of their poses; exit with 1 where there is none.
 
-    `made` names those that were generated; it is empty where that is not told.
+    `made` names those that were generated: empty where they are not stored, None where that is not
+    told.
     """
-    for entity in found.generated if made else ():
-        print(f"{entity}: {made} generated and stored", file=sys.stderr)
+    for entity in () if made is None else found.generated:
+        how = f"{made} generated and stored" if made else "grasps generated, none is stored"
+        print(f"{entity}: {how}", file=sys.stderr)
     if (motion := found.motion) is not None:
         how = "stored before" if motion.reused else f"planned in {motion.seconds:.1f} s"
         count = len(motion.to_pre_grasp)

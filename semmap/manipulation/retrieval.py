@@ -23,7 +23,7 @@ from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
-from semmap.manipulation.reader import STORED, actions_by_shape, actions_on, entities_meant
+from semmap.manipulation.reader import STORED, actions_on, entities_meant
 from semmap.manipulation.solids import PrimitiveShape
 from semmap.manipulation.steadiness import LEAST, steadiness, unsteady
 from semmap.manipulation.store.actions import add_actions
@@ -186,22 +186,6 @@ def stored_actions(seen: Snapshot, *, kind: str, **asked: Any) -> FoundActions:
     if not rows and not problems:
         problems = [f"no {kind} is stored for such an object"]
     return FoundActions(rows, problems)
-
-
-def stored_for_shape(
-    session: Session,
-    shape: str,
-    size: Sequence[float],
-    *,
-    gripper: str | Path | None = None,
-    kind: str = "grasp",
-    **options: Any,
-) -> FoundActions:
-    """The stored actions of `actions_by_shape`; the gripper of a URDF is stored first."""
-    with session.transaction():
-        hand = gripper_or_urdf(session, gripper)
-        rows = actions_by_shape(session, shape, size, gripper=hand, kind=kind, **options)
-    return FoundActions(rows, [] if rows else [f"no {kind} of a similar {shape} is stored"])
 
 
 def _ranked(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> list[dict[str, Any]]:
