@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import psycopg
+    from numpy.typing import ArrayLike
 
-    from semmap.arrays import Floats
     from semmap.manipulation.found_actions import FoundActions
 
 
@@ -56,7 +56,7 @@ class DatabaseManipulation:
 
     def grasps_in_cloud(
         self,
-        cloud: str | Path | Floats,
+        cloud: str | Path | ArrayLike,
         at: Sequence[float],
         *,
         tolerance: float | None = None,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from semmap.arrays import Floats
@@ -76,7 +77,7 @@ def grasps_of_shape(
 
 def grasps_in_cloud(
     session: Session,
-    points: Floats,
+    points: ArrayLike,
     at: Sequence[float],
     *,
     gripper: str | Path | None = None,

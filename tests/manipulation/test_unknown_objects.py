@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 import trimesh
 
 import semmap
-from semmap import Map
 from semmap.manipulation.candidates import grasp_candidates
+from tests.conftest import MakeDatabase
 from tests.manipulation.grippers import Shape, real_gripper, urdf
 from tests.manipulation.hollow_things import mug
 
 MUG, BOX = (0.1, 0.05, 0.0), (-0.15, 0.0, 0.06)
+
+
+@pytest.fixture(scope="module")
+def kitchen(make_database: MakeDatabase) -> Iterator[semmap.Database]:
+    """A database that has no model, and one gripper."""
+    with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
+        db.add_gripper(urdf("panda"), name="panda")
+        yield db
 
 
 def table_with_mug_and_box(noise: float) -> tuple[np.ndarray, list[trimesh.Trimesh]]:
@@ -30,37 +40,38 @@ def table_with_mug_and_box(noise: float) -> tuple[np.ndarray, list[trimesh.Trime
     return points + np.random.default_rng(0).normal(0, noise, points.shape), [*things, table]
 
 
-def test_a_shape_of_which_nothing_is_stored_is_grasped(database: semmap.Database) -> None:
-    found = database.grasps_of_shape("cylinder", (0.03, 0.1), gripper=urdf("panda"), limit=1000)
+def test_a_shape_of_which_nothing_is_stored_is_grasped(kitchen: semmap.Database) -> None:
+    found = kitchen.grasps_of_shape("cylinder", (0.03, 0.1), gripper=urdf("panda"), limit=1000)
     expected = grasp_candidates(Shape("cylinder", (0.03, 0.1)), real_gripper("panda"))
     assert len(found) == len(expected)
     for row, grasp in zip(found, expected, strict=True):
         np.testing.assert_allclose(row["pose"].matrix, grasp.pose, atol=1e-9)
         assert row["action_id"] is None
     assert found.generated == ["cylinder of 0.03 x 0.1 m"]
-    nothing = database.grasps_of_shape("cylinder", (0.03, 0.1), gripper="panda", stored=True)
+    nothing = kitchen.grasps_of_shape("cylinder", (0.03, 0.1), gripper="panda", stored=True)
     assert (list(nothing), nothing.generated) == ([], [])
     assert nothing.problems == ["no grasp of a similar cylinder is stored"]
-    wide = database.grasps_of_shape("sphere", (0.3,), gripper="panda")
+    wide = kitchen.grasps_of_shape("sphere", (0.3,), gripper="panda")
     assert wide.problems == [
         "sphere of 0.3 m: no grasp fits its shape (sphere 0.3 m); gripper panda opens 0.08 m"
     ]
-    assert database.session.execute("SELECT count(*) FROM action").fetchone() == (0,)
+    assert kitchen.session.execute("SELECT count(*) FROM action").fetchone() == (0,)
 
 
-def test_a_map_generates_grasps_of_a_shape_too(house: Map) -> None:
-    assert house.grasps(shape=("cuboid", 0.04, 0.05, 0.1))
-    assert not house.grasps(shape=("cuboid", 0.04, 0.05, 0.1), stored=True)
+def test_a_map_generates_grasps_of_a_shape_too(kitchen: semmap.Database) -> None:
+    home = kitchen.create_map("home")
+    assert home.grasps(shape=("cuboid", 0.04, 0.05, 0.1))
+    assert not home.grasps(shape=("cuboid", 0.04, 0.05, 0.1), stored=True)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.001])
 def test_things_in_a_cloud_are_grasped_where_they_are(
-    database: semmap.Database, noise: float
+    kitchen: semmap.Database, noise: float
 ) -> None:
     points, things = table_with_mug_and_box(noise)
     gripper = real_gripper("panda")
     for number, at in ((0, (0.1, 0.093, 0.08)), (1, (-0.15, 0.02, 0.12))):
-        found = database.grasps_in_cloud(points, at, gripper=urdf("panda"), limit=20)
+        found = kitchen.grasps_in_cloud(points, at, gripper=urdf("panda"), limit=20)
         assert found.problems == []
         assert [row["expected"] for row in found] == sorted(
             (row["expected"] for row in found), reverse=True
@@ -79,11 +90,11 @@ def test_things_in_a_cloud_are_grasped_where_they_are(
     assert {round(row["width"], 2) for row in found} == {0.05}
 
 
-def test_no_object_at_a_point_of_a_cloud(database: semmap.Database) -> None:
+def test_no_object_at_a_point_of_a_cloud(kitchen: semmap.Database) -> None:
     points, _ = table_with_mug_and_box(0.0)
     with pytest.raises(LookupError, match=r"no object stands at 0\.3, 0\.3, 0\.5 .* 0\.49 m away"):
-        database.grasps_in_cloud(points, (0.3, 0.3, 0.5), gripper=urdf("panda"))
+        kitchen.grasps_in_cloud(points, (0.3, 0.3, 0.5), gripper=urdf("panda"))
     with pytest.raises(ValueError, match="a point is x, y, z in metres"):
-        database.grasps_in_cloud(points, (0.3, float("nan"), 0.5), gripper=urdf("panda"))
+        kitchen.grasps_in_cloud(points, (0.3, float("nan"), 0.5), gripper=urdf("panda"))
     with pytest.raises(ValueError, match="does not exist"):
-        database.grasps_in_cloud("absent.ply", (0.1, 0.1, 0.1), gripper=urdf("panda"))
+        kitchen.grasps_in_cloud("absent.ply", (0.1, 0.1, 0.1), gripper=urdf("panda"))
