@@ -66,6 +66,25 @@ CREATE TRIGGER models_exchanged AFTER UPDATE ON entity_model REFERENCING OLD TAB
 CREATE TRIGGER models_taken AFTER DELETE ON entity_model REFERENCING OLD TABLE AS former
     FOR EACH STATEMENT EXECUTE FUNCTION models_taken();
 
+CREATE FUNCTION models_edited()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- A model that entities have is edited by hand: they are reshaped.
+BEGIN
+    IF TG_TABLE_NAME = 'model' THEN
+        PERFORM semmap.reshape(ARRAY(SELECT DISTINCT em.entity_id FROM former o JOIN semmap.entity_model em ON em.model_id = o.id));
+    ELSE
+        PERFORM semmap.reshape(ARRAY(SELECT DISTINCT em.entity_id FROM former o JOIN semmap.entity_model em ON em.model_id = o.model_id));
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER models_edited AFTER UPDATE ON model REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION models_edited();
+CREATE TRIGGER patches_edited AFTER UPDATE ON chunk REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION models_edited();
+CREATE TRIGGER patches_taken AFTER DELETE ON chunk REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION models_edited();
+
 CREATE FUNCTION surfaces_found()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- What lies on a level patch stands on it.

@@ -14,6 +14,16 @@ SELECT ST_Centroid(semmap.ground_of(w))
 FROM semmap.world w WHERE w.entity_id = thing;
 END;
 
+CREATE FUNCTION is_outside(ahead double precision, left_out double precision, side text)
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+-- Whether a spot that is so many metres out of a rectangle, to the front and to the left, is on the named side of it.
+SELECT CASE side WHEN 'front' THEN ahead > 0 AND ahead >= abs(left_out)
+                 WHEN 'behind' THEN ahead < 0 AND -ahead >= abs(left_out)
+                 WHEN 'left' THEN left_out > 0 AND left_out >= abs(ahead)
+                 WHEN 'right' THEN left_out < 0 AND -left_out >= abs(ahead) END;
+END;
+
 CREATE FUNCTION things_to_side(b bigint, among bigint[], front double precision, leftward double precision, side text)
 RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10
 BEGIN ATOMIC
@@ -31,10 +41,29 @@ CROSS JOIN LATERAL (SELECT ST_X(t.spot) - least(greatest(ST_X(t.spot), ST_XMin(f
                                greatest(ST_Y(t.spot), ST_YMin(f.ground)), ST_YMax(f.ground)))) o (ahead, left_out)
 WHERE wb.entity_id = b
   AND NOT (wa.footprint IS NULL AND semmap.is_nowhere(wa.entity_id)) AND NOT (wb.footprint IS NULL AND semmap.is_nowhere(b))
-  AND CASE side WHEN 'front' THEN ahead > 0 AND ahead >= abs(left_out)
-                WHEN 'behind' THEN ahead < 0 AND -ahead >= abs(left_out)
-                WHEN 'left' THEN left_out > 0 AND left_out >= abs(ahead)
-                WHEN 'right' THEN left_out < 0 AND -left_out >= abs(ahead) END;
+  AND semmap.is_outside(ahead, left_out, side);
+END;
+
+CREATE FUNCTION pairs_to_side(of_map integer, side text)
+RETURNS TABLE (a bigint, b bigint) LANGUAGE sql STABLE PARALLEL SAFE ROWS 10000
+BEGIN ATOMIC
+-- All (a, b) of a map such that a is to the named side of b in the frame 'object': see things_to_side. Each middle and
+-- each rectangle is computed once.
+WITH placed AS MATERIALIZED (
+    SELECT w.entity_id, w.storey_id, semmap.pose_yaw(w.pose) + e.front AS heading, semmap.ground_of(w) AS ground,
+           ST_Centroid(semmap.ground_of(w)) AS middle
+    FROM semmap.world w JOIN semmap.entity e ON e.id = w.entity_id
+    WHERE w.map_id = of_map AND NOT (w.footprint IS NULL AND e.kind IN ('storey', 'elevator', 'room'))
+), turned AS MATERIALIZED (
+    SELECT entity_id, storey_id, heading, ST_XMin(r.ground) AS x, ST_XMax(r.ground) AS to_x, ST_YMin(r.ground) AS y, ST_YMax(r.ground) AS to_y
+    FROM placed CROSS JOIN LATERAL (SELECT ST_Rotate(placed.ground, -heading) OFFSET 0) r (ground)
+)
+SELECT p.entity_id, t.entity_id
+FROM turned t JOIN placed p ON p.entity_id <> t.entity_id AND semmap.same_storey(p.storey_id, t.storey_id)
+CROSS JOIN LATERAL (SELECT ST_Rotate(p.middle, -t.heading) OFFSET 0) m (spot)
+CROSS JOIN LATERAL (SELECT ST_X(m.spot), ST_Y(m.spot) OFFSET 0) s (x, y)
+WHERE semmap.is_outside(s.x - least(greatest(s.x, t.x), t.to_x),
+                        s.y - least(greatest(s.y, t.y), t.to_y), side);
 END;
 
 CREATE FUNCTION side_in_frame(b bigint, among bigint[], frame text, side text)

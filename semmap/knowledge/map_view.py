@@ -35,6 +35,14 @@ _CHOSEN = f"{_MAP}current_setting('semmap.map', true)"
 _NAMED = f"{_MAP}%s"
 
 
+class RelationsToKeep(Exception):
+    """Relations of which a statement reads all pairs are to be kept before it, to be fast."""
+
+    def __init__(self, of_map: int, relations: Iterable[str]) -> None:
+        super().__init__(of_map, relations)
+        self.of_map, self.relations = of_map, sorted(relations)
+
+
 @dataclass
 class MapView:
     """The map that a session sees, as namespace and number."""
@@ -49,6 +57,7 @@ class MapView:
     chosen: Chosen | None = None  # the graphs that a text chooses to read
     tbox: bool = True  # whether triples of variables alone match the T-Box
     notes: list[str] = field(default_factory=list)  # what the answers say nothing of
+    may_keep: bool = False  # whether relations may be kept first: the transaction is its own
     plans: bool = False  # whether the plan of each statement is read, too
     # subjects and objects of facts that were changed
     touched: set[Any] = field(default_factory=set)
@@ -125,6 +134,10 @@ class MapView:
 
     def run(self, statement: SqlStatement, about: str = "") -> list[Row]:
         """Return the solutions of a statement, which answers a pattern of rdflib's or the query."""
+        if self.may_keep and statement.kept:
+            to_keep = "SELECT bool_or(is_to_keep(%s, r.name)) FROM unnest(%s::text[]) r (name)"
+            if self.value(to_keep, self.number, sorted(statement.kept)):
+                raise RelationsToKeep(self.number, statement.kept)
         asked = ClientCursor(self.session).mogrify(statement.sql.encode(), statement.parameters)
         self.statements.append(Explained("sql", f"{about}{asked}"))
         if self.plans:

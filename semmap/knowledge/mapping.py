@@ -568,33 +568,41 @@ REWRITTEN_OF_BOTH: tuple[TripleMap, ...] = tuple(
 """The same between the map's entities and foreign ones."""
 
 
-def _between(name: str, relation: str, listed: str | None, converse: str | None) -> Computed:
+def _of_surfaces(
+    name: str, members: str, converse: str, reach: str = "", kept: str | None = None
+) -> Computed:
+    """Return a relation that is kept by its name, or as the converse of `kept`."""
+    columns = "b, a" if kept else "a, b"
     return Computed(
         f"{SEMMAP}{name}",
-        f"is_{relation}({{a}}, {{b}})",
-        listed and f"{listed}({{b}}, 0.01)",
-        converse and f"{converse}({{a}}, 0.01)",
+        f"is_{name}({{a}}, {{b}}{reach and f', {reach}'})",
+        f"{members}({{b}}, {reach or 0.01})",
+        f"{converse}({{a}}, {reach or 0.01})",
+        f"pairs_{kept or name}({{map}}) AS {{f}} ({columns})",
+        kept or name,
+    )
+
+
+def _to_side(name: str, function: str, side: str) -> Computed:
+    return Computed(
+        f"{SEMMAP}{name}",
+        f"is_{function}({{a}}, {{b}}, 'object')",
+        f"things_{function}({{b}})",
+        pairs=f"pairs_to_side({{map}}, '{side}') AS {{f}} (a, b)",
     )
 
 
 COMPUTED: tuple[Computed, ...] = (
-    _between("in", "in", "things_in", "containers_of"),
-    _between("on", "on", "things_on", "supports_of"),
-    _between("above", "above", "things_above", "things_under"),
-    _between("under", "under", "things_under", "things_above"),
-    _between("touching", "touching", "things_touching", "things_touching"),
-    Computed(f"{SEMMAP}near", "is_near({a}, {b}, 1)", "things_near({b}, 1)", "things_near({a}, 1)"),
-    *(
-        Computed(
-            f"{SEMMAP}{name}", f"is_{function}({{a}}, {{b}}, 'object')", f"things_{function}({{b}})"
-        )
-        for name, function in (
-            ("leftOf", "left_of"),
-            ("rightOf", "right_of"),
-            ("inFrontOf", "in_front_of"),
-            ("behind", "behind"),
-        )
-    ),
+    _of_surfaces("in", "things_in", "containers_of"),
+    _of_surfaces("on", "things_on", "supports_of"),
+    _of_surfaces("above", "things_above", "things_under"),
+    _of_surfaces("under", "things_under", "things_above", kept="above"),
+    _of_surfaces("touching", "things_touching", "things_touching"),
+    _of_surfaces("near", "things_near", "things_near", "1"),
+    _to_side("leftOf", "left_of", "left"),
+    _to_side("rightOf", "right_of", "right"),
+    _to_side("inFrontOf", "in_front_of", "front"),
+    _to_side("behind", "behind", "behind"),
     Computed(f"{SEMMAP}reachableFrom", "is_reachable({b}, {a})"),
 )
 """Relations of surfaces (SQL functions): near is 1 m at most, sides are those of the object."""

@@ -17,10 +17,11 @@ from rdflib.plugins.sparql.evaluate import evalQuery
 from rdflib.plugins.sparql.parserutils import CompValue
 from rdflib.store import Store
 
+from semmap.database.configuration import READER
 from semmap.error import Error
 from semmap.knowledge.answer import Answer, Explained
 from semmap.knowledge.fields.properties import FieldError
-from semmap.knowledge.map_view import MapView
+from semmap.knowledge.map_view import MapView, RelationsToKeep
 from semmap.knowledge.rdflib_algebra import correct
 from semmap.knowledge.sparql.expressions import UnitError, UntranslatedError
 from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries, Row, Session
@@ -41,6 +42,10 @@ COLUMNS = 10
 _SETTINGS = "; ".join(
     f"SET LOCAL {name} = {value}" for name, value in (*PLANNER.items(), ("statement_timeout", "{}"))
 )
+
+
+_Key = tuple[str, int, bool, Chosen | None, bool]
+"""A text, the most rows, and whether and which inferences, graphs and T-Box it sees."""
 
 
 class KnowledgeError(Error, ValueError):
@@ -74,8 +79,33 @@ def query(
     known: Answer | None = None if plan else KEPT.ask(session, key, stop)
     if known is not None:
         return known
-    with limited_view(session, stop) as view:
-        view.plans = plan
+    begin = time.monotonic()
+    try:
+        return _asked(session, key, stop, plan, may_keep=_is_idle(session))
+    except RelationsToKeep as stale:
+        _keep(session, stale, stop)
+    left = max(stop - (time.monotonic() - begin), 0.001)
+    return _asked(session, key, left, plan, may_keep=False)
+
+
+def _is_idle(session: Session) -> bool:
+    return session.info.transaction_status == psycopg.pq.TransactionStatus.IDLE
+
+
+def _keep(session: Session, stale: RelationsToKeep, seconds: float) -> None:
+    """Keep relations, in a transaction that may write where the login only reads by default."""
+    with limited(session, seconds):
+        if session.info.user == READER:
+            session.execute("SET TRANSACTION READ WRITE")
+        for relation in stale.relations:
+            session.execute("SELECT keep_relation(%s, %s)", (stale.of_map, relation))
+
+
+def _asked(session: Session, key: _Key, seconds: float, plan: bool, *, may_keep: bool) -> Answer:
+    """Translate a query and answer it."""
+    text, most, inferred, dataset, tbox = key
+    with limited_view(session, seconds) as view:
+        view.plans, view.may_keep = plan, may_keep
         view.tbox = tbox
         if not inferred:
             view.inferred = NOTHING_INFERRED
@@ -259,7 +289,7 @@ def _called(view: MapView, call: CompValue) -> Any:
 def limited(session: Session, seconds: float | None) -> Iterator[float]:
     """Run statements in a transaction that the server stops after some seconds; yield the end."""
     most = _checked(seconds)
-    idle = session.info.transaction_status == psycopg.pq.TransactionStatus.IDLE
+    idle = _is_idle(session)
     try:
         with session.transaction():
             session.execute(_SETTINGS.format(min(max(1, int(1e3 * most)), 2**31 - 1)).encode())

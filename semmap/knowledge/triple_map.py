@@ -130,6 +130,10 @@ class Computed:
     # them
     members: str | None = None
     converse: str | None = None
+    # pairs: SQL of all {a} and {b} of a map {map}, as columns a and b, and the name by which they
+    # are kept (`schema/functions/475_kept_relations.sql`)
+    pairs: str | None = None
+    kept: str | None = None
 
 
 def constant(iri: str) -> Value:

@@ -25,6 +25,7 @@ EXECUTABLE = {
     "prune_history": {"semmap_admin"},
     "refresh_belief": {"semmap_robot", "semmap_admin"},
     "robot_wastes_turn": {"semmap_robot", "semmap_admin"},
+    "keep_relation": {"semmap_reader", "semmap_robot", "semmap_admin"},
     "settle": {"semmap_reader", "semmap_robot", "semmap_admin"},
 }
 """Who may call the functions that run with their owner's rights; the others are for triggers."""

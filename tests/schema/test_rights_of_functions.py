@@ -51,6 +51,7 @@ CALLS: dict[str, set[str]] = {
     "hold_still({mug}, {room})": WRITERS,
     "hold_still({room}, NULL)": {"admin"},
     "hold_still({other}, NULL)": {"admin"},
+    "keep_relation({map}, 'near')": {*ROLES} - {"stranger"},
     "lock_holders('{{{mug}}}')": set(),
     "move_to({mug}, 1, 2, 3)": WRITERS,
     "move_to({own}, 1, 2, 3)": WRITERS,

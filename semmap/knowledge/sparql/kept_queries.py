@@ -12,12 +12,11 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import psycopg
-import rdflib
 from psycopg.abc import Buffer
 from psycopg.adapt import PyFormat, Transformer
 from psycopg.pq import ConnStatus, ExecStatus, PipelineStatus, TransactionStatus
@@ -346,9 +345,4 @@ def _solutions(result: PGresult, width: int, read: Callable[[set[int]], Any]) ->
 def _term(text: bytes | None, tag: bytes | None) -> Term | None:
     if text is None or tag is None:
         return None
-    return _iri(text) if tag == b"I" else term_of(text.decode(), tag.decode())
-
-
-@lru_cache(maxsize=2**14)
-def _iri(text: bytes) -> rdflib.URIRef:
-    return rdflib.URIRef(text.decode())
+    return term_of(text.decode(), tag.decode())

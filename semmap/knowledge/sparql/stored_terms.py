@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -58,12 +59,18 @@ def terms_of(session: psycopg.Connection[Any], numbers: set[int], read: Read) ->
     return known
 
 
+@lru_cache(maxsize=_MOST)
+def iri_of(text: str) -> rdflib.URIRef:
+    """Return an IRI; rdflib checks it, which takes longer than all else of a row."""
+    return rdflib.URIRef(text)
+
+
 def term_of(text: str | None, tag: str | None) -> Term | None:
     """Return the term of a text and a tag."""
     if text is None or tag is None:
         return None
     if tag == "I":
-        return rdflib.URIRef(text)
+        return iri_of(text)
     if tag == "B":
         return rdflib.BNode(text)
     if tag.startswith("@"):

@@ -41,6 +41,7 @@ class TriplePatterns(PropertyPaths):
     def __init__(self, source: MapGraph, uses: Mapping[str, int] | None = None) -> None:
         super().__init__(source)
         self._uses = uses or {}
+        self.kept_relations: set[str] = set()  # whose pairs are all read
 
     def sources(self, triple: tuple[Any, Any, Any], graph: Any) -> MatchedPattern | Computed:
         """Return what can match a pattern in a graph: triple maps, or its relation."""
@@ -310,6 +311,17 @@ class TriplePatterns(PropertyPaths):
                 rows.where.append("false")
             if value is not None and value.form == "entity":
                 known[side] = value.sql
+        if not known and relation.pairs is not None:
+            alias = self.parameters.alias("f")
+            pairs = relation.pairs.format(map=self.map_id, f=alias)
+            rows.froms.append(f"LATERAL {pairs}")
+            if relation.kept is not None:
+                self.kept_relations.add(relation.kept)
+            for side, part in (("a", a), ("b", b)):
+                if isinstance(part, str) and self._uses.get(part, 0) > 1:
+                    self._add_anchor(rows, Value("entity", f"{alias}.{side}"))  # has its name, too
+                self._be(rows, part, Value("entity", f"{alias}.{side}"))
+            return
         if not known:
             side, part = ("b", b) if relation.members and not relation.converse else ("a", a)
             known[side] = self._any_entity(rows, part)
