@@ -36,9 +36,8 @@ BEGIN
           AND NOT pg_visible_in_snapshot(c.xid::text::xid8, kept.cursor::pg_snapshot)
           AND c.what NOT IN ('field', 'belief', 'statement', 'linked', 'inferred')
           AND NOT (c.what = 'changed' AND coalesce(NOT c.facts -> 'values' -> t.id::text ? 'type', false));
-    IF everywhere OR cardinality(ids) > 100
-                     AND 2 * cardinality(ids) > (SELECT count(*) FROM semmap.world w WHERE w.map_id = of_map) THEN
-        RETURN NULL;  -- to decide all once costs less
+    IF everywhere THEN
+        RETURN NULL;
     END IF;
     RETURN ids;
 END $$;
@@ -88,19 +87,23 @@ $def$, relation, format(members, 'w.entity_id'), format(members, 't.id'), format
     END LOOP;
 END $$;
 
-CREATE FUNCTION is_to_keep(of_map integer, of_relation text)
-RETURNS boolean LANGUAGE sql STABLE
+CREATE FUNCTION share_to_decide(of_map integer, of_relation text)
+RETURNS double precision LANGUAGE sql STABLE
 BEGIN ATOMIC
--- Whether more than a few entities changed since a relation was kept: these few are decided faster than kept.
-SELECT NOT pg_is_in_recovery() AND coalesce(cardinality(semmap.changed_for_relation(of_map, of_relation)) > 5, true);
+-- Which part of the work of deciding all pairs it is to decide those of the entities that changed since the relation was
+-- kept: 1 if nothing is kept, 0 for a few entities, which are decided faster than kept.
+SELECT CASE WHEN c.number <= 5 THEN 0
+            ELSE coalesce(least(1, 2.0 * c.number / (SELECT greatest(count(*), 1) FROM semmap.world w WHERE w.map_id = of_map)), 1) END
+FROM (SELECT cardinality(semmap.changed_for_relation(of_map, of_relation)) OFFSET 0) c (number);
 END;
 
 CREATE FUNCTION keep_relation(of_map integer, of_relation text)
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Decides the pairs of entities that changed since a relation was kept, and keeps them, if it is to be kept, the
+-- Decides the pairs of entities that changed since a relation was kept, and keeps them, if they are more than a few, the
 -- transaction may write, and no other one keeps a relation of the map. Whatever commits meanwhile is after the
 -- cursor. So are the transactions after this one, committed or not: a crash could give their numbers to others.
 DECLARE
+    share double precision;
     changed bigint[];
     now pg_snapshot;
     own xid8;
@@ -110,12 +113,13 @@ BEGIN
        OR NOT pg_try_advisory_xact_lock(hashtext('semmap.kept_relation'), of_map) THEN
         RETURN;
     END IF;
-    IF NOT semmap.is_to_keep(of_map, of_relation) THEN
+    share := semmap.share_to_decide(of_map, of_relation);
+    IF share = 0 THEN
         RETURN;
     END IF;
     own := pg_current_xact_id();
     now := pg_current_snapshot();
-    changed := semmap.changed_for_relation(of_map, of_relation);
+    changed := CASE WHEN share < 1 THEN semmap.changed_for_relation(of_map, of_relation) END;
     INSERT INTO semmap.kept_relation AS k (map_id, relation, basis, cursor)
         VALUES (of_map, of_relation, semmap.kept_basis(), concat_ws(':', least(pg_snapshot_xmin(now), own), least(pg_snapshot_xmax(now), own), (
             SELECT coalesce(string_agg(x::text, ',' ORDER BY x), '') FROM pg_snapshot_xip(now) x WHERE x < own)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -16,6 +16,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.database.maps import pick_map
 from semmap.knowledge.answer import Explained
 from semmap.knowledge.fields.rows import FieldRows
+from semmap.knowledge.mapping import COMPUTED
 from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, literals_in, resolve
 from semmap.knowledge.sparql.kept_queries import Basis, Row, Session
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, MapGraph
@@ -58,6 +59,7 @@ class MapView:
     tbox: bool = True  # whether triples of variables alone match the T-Box
     notes: list[str] = field(default_factory=list)  # what the answers say nothing of
     may_keep: bool = False  # whether relations may be kept first: the transaction is its own
+    pairs: frozenset[str] = frozenset()  # the kept relations of which statements read all pairs
     plans: bool = False  # whether the plan of each statement is read, too
     # subjects and objects of facts that were changed
     touched: set[Any] = field(default_factory=set)
@@ -118,13 +120,18 @@ class MapView:
         basis = basis or self.basis(algebra, kept)
         constants = basis.constants
         columns = tuple(names)
-        seen = (self.chosen, self.inferred, self.tbox)
+        seen = (self.chosen, self.inferred, self.tbox, self.pairs)
         key = (columns, limit, self.number, self.name, *seen, constants.key)
         if key not in kept:
             if len(kept) > _KEPT:
                 kept.clear()
             read = len(self.statements) + len(self.notes)
-            source = replace(self.graph(constants), chosen=self.chosen, fields=FieldRows(self))
+            source = replace(
+                self.graph(constants),
+                chosen=self.chosen,
+                fields=FieldRows(self),
+                pairs=self.pairs,
+            )
             made = translate(algebra, columns, source, limit)
             if read < len(self.statements) + len(self.notes):
                 return made  # it has rows of fields, which change
@@ -132,12 +139,40 @@ class MapView:
         found: SqlStatement = kept[key]
         return found
 
+    def pairs_worth_reading(self, statement: SqlStatement) -> frozenset[str]:
+        """Return the relations of which a statement is faster with all pairs, as the planner says.
+
+        Raises RelationsToKeep where some of them can be kept first.
+        """
+        shares = dict(
+            self.session.execute(
+                "SELECT r.name, share_to_decide(%s, r.name) FROM unnest(%s::text[]) r (name)",
+                (self.number, sorted(statement.relations)),
+            ).fetchall()
+        )
+        stale = {name for name, share in shares.items() if share > 0}
+        if stale:
+            cost = self._cost(statement.sql, statement.parameters)
+            every = {each.kept: each.members for each in COMPUTED}
+            for name in sorted(stale):
+                members = str(every[name]).format(b="w.entity_id")
+                listed = f"SELECT FROM world w, LATERAL {members} m WHERE w.map_id = %(map)s"
+                if cost < shares[name] * self._cost(listed, {"map": self.number}) / 2:
+                    stale.discard(name)
+                    shares.pop(name)
+        if stale and self.may_keep:
+            raise RelationsToKeep(self.number, stale)
+        return frozenset(shares)
+
+    def _cost(self, sql: str, parameters: Mapping[str, Any]) -> float:
+        """Return what the planner thinks that a statement costs."""
+        explained = f"EXPLAIN (FORMAT JSON) {sql}".encode()
+        row = self.session.execute(explained, parameters, prepare=False).fetchone()
+        assert row is not None
+        return float(row[0][0]["Plan"]["Total Cost"])
+
     def run(self, statement: SqlStatement, about: str = "") -> list[Row]:
         """Return the solutions of a statement, which answers a pattern of rdflib's or the query."""
-        if self.may_keep and statement.kept:
-            to_keep = "SELECT bool_or(is_to_keep(%s, r.name)) FROM unnest(%s::text[]) r (name)"
-            if self.value(to_keep, self.number, sorted(statement.kept)):
-                raise RelationsToKeep(self.number, statement.kept)
         asked = ClientCursor(self.session).mogrify(statement.sql.encode(), statement.parameters)
         self.statements.append(Explained("sql", f"{about}{asked}"))
         if self.plans:

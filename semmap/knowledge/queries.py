@@ -133,6 +133,9 @@ def _answer(view: MapView, parsed: ParsedText, most: int, key: tuple[Any, ...]) 
     if view.inferred is not NOTHING_INFERRED and basis.map is not None:
         view.inferred = basis.map[2]
     statement = view.statement(parsed.algebra.p, names, limit, parsed.kept, basis)
+    if statement.relations:
+        view.pairs = view.pairs_worth_reading(statement)
+        statement = view.statement(parsed.algebra.p, names, limit, parsed.kept, basis)
     # What they are told of follows from the basis, so that the answer may be kept with it.
     unknown = unknown_names(view, basis.constants, parsed.algebra.p)
     start = time.monotonic()

@@ -88,14 +88,15 @@ class House:
         return all(self.changed(relation) is not None for relation in DECIDE)
 
 
-def furnished(random: np.random.Generator) -> list[Entry]:
-    """Two storeys of two rooms, tables with small blocks on them, and blocks on the floor."""
+def furnished(random: np.random.Generator, more: int) -> list[Entry]:
+    """Two storeys of two rooms, and more, with tables, small blocks on them, and on the floor."""
     entries = [
         Entry("first", "storey", detail=StoreyDetail(0, 2.9)),
         Entry("second", "storey", pose=Pose(0, 0, 3), detail=StoreyDetail(1, 2.9)),
     ]
-    for i, (storey, level) in enumerate((("first", 0), ("first", 0), ("second", 3), ("second", 3))):
-        x = 5 * (i % 2)
+    places = [("first", 0, 0), ("first", 0, 5), ("second", 3, 0), ("second", 3, 5)]
+    places += [("first", 0, 10 + 5 * i) for i in range(more)]
+    for i, (storey, level, x) in enumerate(places):
         outline = drawn(x, 0, x + 4.9, 4, 0, 2.6)
         entries.append(room(f"room{i}", outline, storey, floor=0, ceiling=2.6))
         for j in range(3):
@@ -111,11 +112,11 @@ def furnished(random: np.random.Generator) -> list[Entry]:
     return entries
 
 
-def built(engine: Engine, seed: int) -> Iterator[House]:
+def built(engine: Engine, seed: int, more: int = 0) -> Iterator[House]:
     random = np.random.default_rng(seed)
     name = f"house{next(MAPS)}"
     world = bodies(name, [])
-    world.entries = furnished(random)
+    world.entries = furnished(random, more)
     store(engine, name, world)
     with engine.connect() as one, engine.connect() as two:
         sessions = [driver_of(connection) for connection in (one, two)]
@@ -142,6 +143,11 @@ def house(request: pytest.FixtureRequest, module_engine: Engine) -> Iterator[Hou
 @pytest.fixture
 def small_house(module_engine: Engine) -> Iterator[House]:
     yield from built(module_engine, 7)
+
+
+@pytest.fixture
+def large_house(engine: Engine) -> Iterator[House]:
+    yield from built(engine, 8, 30)  # alone in its database, so that statistics are of it
 
 
 # What changes a map: each is one transaction.
@@ -416,19 +422,54 @@ def test_sides(house: House, side: str) -> None:
     assert found
 
 
+def answered(house: House, pattern: str) -> set[tuple[str, ...]]:
+    answer = query(house.session, f"SELECT ?a ?b {{ {pattern} }}")
+    assert len(answer.rows) == len(set(answer.rows))
+    return {tuple(str(term).rsplit("#")[-1] for term in row) for row in answer.rows}
+
+
 def test_a_question_keeps_a_relation_and_reads_it(small_house: House) -> None:
     house = small_house
-    names = dict(
-        house.session.execute("SELECT id, name FROM entity WHERE map_id = %s", (house.number,))
-    )
+    house.session.execute("ANALYZE")
+    one = house.one()
+    rows = house.session.execute(
+        "SELECT id, name FROM entity WHERE map_id = %s", (house.number,)
+    ).fetchall()
+    names = dict(rows)
     for change in (None, move_many, move, delete, lower_ceiling):
         if change is not None:
             change(house)
+        holders = set(house.session.execute("SELECT entity_id, holder_id FROM placement"))
+        held = {a for a, holder in holders if holder is not None}
         for relation in ("on", "under", "near"):
-            answer = query(house.session, f"SELECT ?a ?b {{ ?a semmap:{relation} ?b }}")
-            found = {tuple(str(t).rsplit("#")[-1] for t in row) for row in answer.rows}
-            turned = [(b, a) for a, b in house.decided("above")]
+            turned = {(b, a) for a, b in house.decided("above")}
             pairs = turned if relation == "under" else house.decided(relation)
-            assert found == {(names[a], names[b]) for a, b in pairs}
+            verb = f"semmap:{relation}"
+            for pattern, expected in (
+                (f"?a {verb} ?b", pairs),
+                (f"?a semmap:heldBy ?h . ?a {verb} ?b", {p for p in pairs if p[0] in held}),
+                (f"?a {verb} ?b . ?b semmap:heldBy ?h", {p for p in pairs if p[1] in held}),
+                (f"?a {verb} ?b ; semmap:heldBy ?b", pairs & holders),
+                (f"?a {verb} ?b . ?b {verb} ?a", pairs & {(b, a) for a, b in pairs}),
+                (f"?a {verb} ?b . FILTER(?a = :{names[one]})", {p for p in pairs if p[0] == one}),
+                (f"?a semmap:heldBy ?h OPTIONAL {{ ?a {verb} ?b }} FILTER(BOUND(?b))",
+                 {p for p in pairs if p[0] in held}),
+                (f"?a {verb} ?b FILTER NOT EXISTS {{ ?b {verb} ?a }}",
+                 pairs - {(b, a) for a, b in pairs}),
+            ):  # fmt: skip
+                assert answered(house, pattern) == {(names[a], names[b]) for a, b in expected}
             if change is None:
                 assert house.changed("above" if relation == "under" else relation) == set()
+
+
+def test_a_question_about_few_keeps_nothing(large_house: House) -> None:
+    house = large_house
+    house.session.execute("ANALYZE")
+    for few in (
+        "SELECT ?a { ?a semmap:near :cup00 }",
+        "SELECT ?b { :cup00 semmap:heldBy ?a . ?a semmap:near ?b }",
+    ):
+        query(house.session, few)
+        assert house.changed("near") is None, few
+    query(house.session, "SELECT ?a ?b { ?a semmap:near ?b }")
+    assert house.changed("near") == set()

@@ -56,6 +56,7 @@ class MapGraph:
     chosen: Chosen | None = None  # the graphs to read; None for the map and all graphs
     fields: FieldRows | None = None  # answers what fields state
     tbox: bool = True  # whether triples of variables alone match the T-Box
+    pairs: frozenset[str] = frozenset()  # the kept relations of which all pairs are read
 
 
 @dataclass(frozen=True)

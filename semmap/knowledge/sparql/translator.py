@@ -44,7 +44,7 @@ class SqlStatement:
     sql: str  # with named parameters of psycopg
     parameters: dict[str, Any]  # by name
     names: tuple[str, ...]  # the variables of the columns, in order
-    kept: frozenset[str] = frozenset()  # the kept relations of which it reads all pairs
+    relations: frozenset[str] = frozenset()  # kept relations of which it could read all pairs
 
 
 def translate(
@@ -61,8 +61,8 @@ def translate(
     sql = translator.result(algebra, names)
     if limit is not None:
         sql = f"SELECT * FROM ({sql}) result LIMIT {translator.parameters.bind(limit, 'bigint')}"
-    kept = frozenset(translator.kept_relations)
-    return SqlStatement(sql, translator.parameters.values, names, kept)
+    relations = frozenset(translator.relations)
+    return SqlStatement(sql, translator.parameters.values, names, relations)
 
 
 def translate_each(

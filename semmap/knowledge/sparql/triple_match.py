@@ -56,7 +56,7 @@ class TripleMatch:
     def __init__(self, source: MapGraph) -> None:
         self.parameters = Parameters()
         self._chosen, self._inferred, self._fields = source.chosen, source.inferred, source.fields
-        self._tbox = source.tbox
+        self._tbox, self._read_whole = source.tbox, source.pairs
         self.constants = source.constants
         self.namespace = self.parameters.bind(source.namespace)
         self.map_id = self.parameters.bind(source.map_id, "int")

@@ -41,7 +41,7 @@ class TriplePatterns(PropertyPaths):
     def __init__(self, source: MapGraph, uses: Mapping[str, int] | None = None) -> None:
         super().__init__(source)
         self._uses = uses or {}
-        self.kept_relations: set[str] = set()  # whose pairs are all read
+        self.relations: set[str] = set()  # of which all pairs could be read, see `MapGraph.pairs`
 
     def sources(self, triple: tuple[Any, Any, Any], graph: Any) -> MatchedPattern | Computed:
         """Return what can match a pattern in a graph: triple maps, or its relation."""
@@ -301,26 +301,30 @@ class TriplePatterns(PropertyPaths):
     ) -> None:
         """Join a relation between entities, by its index where one side is known."""
         known: dict[str, str] = {}
+        outer = False  # whether it is for each row of what it is joined with
         for side, part in (("a", a), ("b", b)):
             value = part if isinstance(part, Value) else rows.variables.get(part)
             if value is None and isinstance(part, str):
                 value = scope.bindings.get(part)
                 if value is not None:
                     rows.bind(part, value, self.namespace)
+                    outer = True
             if value is not None and value.form not in ("entity", "term"):
                 rows.where.append("false")
             if value is not None and value.form == "entity":
                 known[side] = value.sql
-        if not known and relation.pairs is not None:
+        if not outer and relation.pairs is not None and self._reads_pairs(relation, a, b, known):
             alias = self.parameters.alias("f")
             pairs = relation.pairs.format(map=self.map_id, f=alias)
             rows.froms.append(f"LATERAL {pairs}")
-            if relation.kept is not None:
-                self.kept_relations.add(relation.kept)
             for side, part in (("a", a), ("b", b)):
+                value = Value("entity", f"{alias}.{side}")
+                if side in known:
+                    rows.where.append(f"{value.sql} = {known[side]}")
+                    continue
                 if isinstance(part, str) and self._uses.get(part, 0) > 1:
-                    self._add_anchor(rows, Value("entity", f"{alias}.{side}"))  # has its name, too
-                self._be(rows, part, Value("entity", f"{alias}.{side}"))
+                    self._add_anchor(rows, value)  # which has its name, too
+                self._be(rows, part, value)
             return
         if not known:
             side, part = ("b", b) if relation.members and not relation.converse else ("a", a)
@@ -334,6 +338,16 @@ class TriplePatterns(PropertyPaths):
             if side not in known:
                 known[side] = self._any_entity(rows, part)
         rows.where += [f"{known['a']} <> {known['b']}", relation.decide.format(**known)]
+
+    def _reads_pairs(self, relation: Computed, a: Part, b: Part, known: Mapping[str, str]) -> bool:
+        """Return whether a pattern reads all pairs: not for one entity, which an index has."""
+        if relation.kept is None:
+            return not known
+        sides = {"a": a, "b": b}
+        if known and not any(isinstance(sides[side], str) for side in known):
+            return False
+        self.relations.add(relation.kept)
+        return relation.kept in self._read_whole
 
     def _any_entity(self, rows: Rows, part: Part) -> str:
         alias = self.parameters.alias()
