@@ -169,6 +169,17 @@ BEGIN
     RETURN NULL;
 END $$;
 
+CREATE FUNCTION details_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- A detail that an entity gets or loses after it was added is a change of the entity.
+BEGIN
+    PERFORM semmap.record_change('changed', ARRAY(
+        SELECT entity_id FROM touched
+      EXCEPT
+        SELECT unnest(c.entities) FROM semmap.change c WHERE c.xid = pg_current_xact_id()::text::bigint AND c.what = 'added'));
+    RETURN NULL;
+END $$;
+
 CREATE FUNCTION links_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- A link is a change of the entities that it joins.
@@ -199,6 +210,14 @@ CREATE TRIGGER room_added AFTER INSERT ON room REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION heights_changed();
 CREATE TRIGGER storey_added AFTER INSERT ON storey REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION heights_changed();
+CREATE TRIGGER room_given AFTER INSERT ON room REFERENCING NEW TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION details_changed();
+CREATE TRIGGER room_taken AFTER DELETE ON room REFERENCING OLD TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION details_changed();
+CREATE TRIGGER storey_given AFTER INSERT ON storey REFERENCING NEW TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION details_changed();
+CREATE TRIGGER storey_taken AFTER DELETE ON storey REFERENCING OLD TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION details_changed();
 CREATE TRIGGER storey_changed AFTER UPDATE ON storey REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
 CREATE TRIGGER region_changed AFTER UPDATE ON region REFERENCING NEW TABLE AS fresh

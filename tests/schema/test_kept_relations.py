@@ -280,6 +280,20 @@ def test_what_does_not_decide_a_relation_leaves_its_pairs_kept(small_house: Hous
     assert house.changed("near") is None
 
 
+def test_a_room_that_gets_or_loses_its_heights_decides_all_again(small_house: House) -> None:
+    house = small_house
+    of_room = house.one("room")
+    for statement in (
+        "DELETE FROM room WHERE entity_id = %s",
+        "INSERT INTO room (entity_id, floor, ceiling) VALUES (%s, 0, 2)",
+    ):
+        for relation in DECIDE:
+            house.keep(relation)
+        house.session.execute(statement.encode(), (of_room,))
+        assert house.changed("near") is None
+        house.check()
+
+
 @pytest.mark.parametrize("relation", DECIDE)
 def test_a_transaction_that_commits_after_relations_were_kept(
     small_house: House, relation: str

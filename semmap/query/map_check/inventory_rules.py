@@ -28,7 +28,9 @@ def stale_poses(building: SupportedBuilding) -> Found:
         size = 1 + np.abs(here[:3]).max()
         if max(np.abs(shown[:3] - here[:3]).max(), turn) > 1e-6 * size:
             text = f"the world pose of {entity.name} is not its holder's pose times its placement"
-            yield (entity.name,), text, f"SELECT refresh_world(ARRAY[{entity.row['id']}])"
+            ids = f"ARRAY[{entity.row['id']}]"
+            fix = f"SELECT refresh_world({ids}), record_change('reshaped', {ids})"
+            yield (entity.name,), text, fix
 
 
 def wrong_rooms(building: SupportedBuilding) -> Found:
