@@ -20,6 +20,7 @@ TABLES = (
     "fields",
     "commands",
     "relations",
+    "pairs",
     "language",
     "routes",
     "topology",

@@ -155,8 +155,8 @@ class MapView:
             cost = self._cost(statement.sql, statement.parameters)
             every = {each.kept: each.members for each in COMPUTED}
             for name in sorted(stale):
-                members = str(every[name]).format(b="w.entity_id")
-                listed = f"SELECT FROM world w, LATERAL {members} m WHERE w.map_id = %(map)s"
+                members = str(every[name]).format(b="e.id")
+                listed = f"SELECT FROM entity e, LATERAL {members} m WHERE e.map_id = %(map)s"
                 if cost < shares[name] * self._cost(listed, {"map": self.number}) / 2:
                     stale.discard(name)
                     shares.pop(name)
