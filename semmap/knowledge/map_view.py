@@ -153,10 +153,10 @@ class MapView:
         stale = {name for name, share in shares.items() if share > 0}
         if stale:
             cost = self._cost(statement.sql, statement.parameters)
-            every = {each.kept: each.members for each in COMPUTED}
+            every = {each.kept: each.converse for each in COMPUTED}  # as a pattern of two variables
             for name in sorted(stale):
-                members = str(every[name]).format(b="e.id")
-                listed = f"SELECT FROM entity e, LATERAL {members} m WHERE e.map_id = %(map)s"
+                others = str(every[name]).format(a="e.id")
+                listed = f"SELECT FROM entity e, LATERAL {others} m WHERE e.map_id = %(map)s"
                 if cost < shares[name] * self._cost(listed, {"map": self.number}) / 2:
                     stale.discard(name)
                     shares.pop(name)

@@ -15,6 +15,7 @@ import shapely
 from shapely import affinity
 from sqlalchemy import Engine
 
+from semmap.database import as_reader
 from semmap.database.maps import driver_of
 from semmap.geometry.pose import Pose
 from semmap.ingest.world import Entry, StoreyDetail
@@ -487,3 +488,25 @@ def test_a_question_about_few_keeps_nothing(large_house: House) -> None:
         assert house.changed("near") is None, few
     query(house.session, "SELECT ?a ?b { ?a semmap:near ?b }")
     assert house.changed("near") == set()
+
+
+def test_the_login_that_only_reads_keeps_pairs_too(
+    small_house: House, module_engine: Engine
+) -> None:
+    house = small_house
+    house.session.execute("ANALYZE")
+    reader = as_reader(module_engine)
+    assert reader is not None
+    with reader.connect() as connection:
+        session = driver_of(connection)
+        session.execute("SELECT set_config('semmap.map', %s, false)", (house.name,))
+        session.commit()
+        answer = query(session, "SELECT ?a ?b { ?a semmap:near ?b }")
+        assert len(answer.rows) == len(house.decided("near"))
+        assert house.changed("near") == set()
+        assert session.execute("SHOW transaction_read_only").fetchone() == ("on",)
+        session.rollback()
+        with pytest.raises(psycopg.Error, match="read-only|denied"):
+            session.execute("DELETE FROM kept_pair")
+        session.rollback()
+    reader.dispose()
