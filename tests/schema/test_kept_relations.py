@@ -506,7 +506,7 @@ def test_the_login_that_only_reads_keeps_pairs_too(
         assert house.changed("near") == set()
         assert session.execute("SHOW transaction_read_only").fetchone() == ("on",)
         session.rollback()
-        with pytest.raises(psycopg.Error, match="read-only|denied"):
+        with pytest.raises(psycopg.Error, match=r"read-only|denied"):
             session.execute("DELETE FROM kept_pair")
         session.rollback()
     reader.dispose()
