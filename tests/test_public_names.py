@@ -65,6 +65,7 @@ SIGNALS = {
     "ProcessEnded",
     "PrunedError",
     "Refused",
+    "RelationsToKeep",
     "ServerError",
     "UntranslatedError",
     "Unusable",
