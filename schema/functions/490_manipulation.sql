@@ -331,40 +331,47 @@ BEGIN
     ORDER BY a.expected DESC, s.difference, a.id;
 END $$;
 
-CREATE FUNCTION similar_outcomes(object bigint, gripper text, of_kind text DEFAULT 'grasp')
-RETURNS TABLE (family text, own boolean, attempts double precision, successes double precision, shift double precision[],
-               pose double precision[], extent double precision) LANGUAGE sql STABLE ROWS 100
+CREATE FUNCTION gripper_likeness(one integer, other integer)
+RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
--- How often actions succeeded on an object model (`own`) and on those of a similar shape: what was learned from one cylinder is
--- a prior for the next. Outcomes count by the likeness of sizes (their logarithms) and of the axis' uprightness, and half
--- where another gripper made them. One row for each family; and one for each action that trial and error moved, with its
--- `shift`, its pose in the frame of the shape, and the largest size of that.
+-- How much outcomes of a gripper tell of another one, 0 to 1: by the ratios of their openings, of the depths of their fingers
+-- and of the edges of a cube as large as the volume that the fingers pass, and by their forms.
+SELECT exp(-(ln(a.opening / b.opening) ^ 2 + ln(greatest(a.depth, 0.005) / greatest(b.depth, 0.005)) ^ 2
+             + coalesce((ln(a.swept / b.swept) / 3) ^ 2, 0) + (a.form <> b.form)::integer) / 2)
+FROM semmap.gripper a, semmap.gripper b WHERE a.device_id = gripper_likeness.one AND b.device_id = gripper_likeness.other;
+END;
+
+CREATE FUNCTION similar_outcomes(object bigint, gripper text, of_kind text DEFAULT 'grasp')
+RETURNS TABLE (family text, own boolean, attempts double precision, successes double precision, quality double precision,
+               shift double precision[], pose double precision[], width double precision, size double precision[],
+               up double precision[], opening double precision, depth double precision) LANGUAGE sql STABLE ROWS 100
+BEGIN ATOMIC
+-- How often each action succeeded on an object model (`own`) and on those of a similar shape: what was learned from one cylinder
+-- is a prior for the next. Outcomes count by the likeness of sizes (their logarithms) and of the axis' uprightness, and by that
+-- of the grippers. `pose` and `up`, the vertical of the model, are in the frame of the shape; `opening` and `depth` are the gripper's.
 WITH meant AS MATERIALIZED (
     SELECT o.id, o.shape, o.size, abs(1 - 2 * (o.shape_pose[4] ^ 2 + o.shape_pose[5] ^ 2)) AS upright,
            semmap.gripper_named(similar_outcomes.gripper) AS hand
     FROM semmap.object_model o WHERE o.id = similar_outcomes.object
 ), compared AS (
-    SELECT o.id, o.shape_pose, (SELECT max(v) FROM unnest(o.size) v) AS extent,
+    SELECT o.id,
            (SELECT sqrt(sum(ln(s.theirs / s.ours) ^ 2)) FROM unnest(o.size, m.size) s (theirs, ours))
                + abs(abs(1 - 2 * (o.shape_pose[4] ^ 2 + o.shape_pose[5] ^ 2)) - m.upright) / 0.3 AS apart
     FROM meant m JOIN semmap.object_model o ON o.shape = m.shape AND o.id <> m.id
          AND o.size[1] BETWEEN m.size[1] / 12 AND m.size[1] * 12
     WHERE EXISTS (SELECT FROM semmap.action t WHERE t.object_id = o.id AND t.kind = of_kind AND t.attempts > 0)
 ), alike AS (
-    (SELECT c.id, c.shape_pose, c.extent, exp(-c.apart ^ 2 / 2) AS likeness FROM compared c WHERE c.apart < 2.4
-     ORDER BY c.apart, c.id LIMIT 200)
-    UNION ALL SELECT o.id, o.shape_pose, (SELECT max(v) FROM unnest(o.size) v), 1 FROM meant m JOIN semmap.object_model o ON o.id = m.id
-), tried AS (
-    SELECT a.id, a.family, a.object_id = m.id AS own, a.attempts, a.successes, a.shift, a.pose, l.shape_pose, l.extent,
-           l.likeness * CASE WHEN a.gripper_id = m.hand THEN 1 ELSE 0.5 END AS weight
-    FROM meant m, alike l JOIN semmap.action a ON a.object_id = l.id AND a.attempts > 0 AND a.kind = of_kind AND a.family IS NOT NULL
+    (SELECT c.id, exp(-c.apart ^ 2 / 2) AS likeness FROM compared c WHERE c.apart < 2.4 ORDER BY c.apart, c.id LIMIT 200)
+    UNION ALL SELECT m.id, 1 FROM meant m
+), hands AS MATERIALIZED (
+    SELECT g.device_id, g.opening, g.depth, semmap.gripper_likeness(g.device_id, m.hand) AS likeness FROM meant m, semmap.gripper g
 )
-SELECT t.family, t.own, sum(t.weight * t.attempts), sum(t.weight * t.successes), NULL, NULL, NULL FROM tried t
-WHERE t.shift IS NULL GROUP BY 1, 2
-UNION ALL
-SELECT t.family, t.own, t.weight * t.attempts, t.weight * t.successes, t.shift,
-       semmap.pose_compose(semmap.pose_inverse(t.shape_pose), t.pose), t.extent FROM tried t
-WHERE t.shift IS NOT NULL;
+SELECT a.family, a.object_id = m.id, w.weight * a.attempts, w.weight * a.successes, a.quality, a.shift,
+       semmap.pose_compose(f.inverse, a.pose), a.width, o.size,
+       semmap.pose_rotate(f.inverse, 0, 0, 1), h.opening, h.depth
+FROM meant m, alike l JOIN semmap.object_model o ON o.id = l.id
+JOIN semmap.action a ON a.object_id = l.id AND a.attempts > 0 AND a.kind = of_kind JOIN hands h ON h.device_id = a.gripper_id,
+LATERAL (SELECT semmap.pose_inverse(o.shape_pose) AS inverse) f, LATERAL (SELECT l.likeness * h.likeness AS weight) w;
 END;
 
 -- Capabilities ------------------------------------------------------------------------------------

@@ -134,6 +134,7 @@ MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
         ("gripperForm", "string", "{a}.form"),
         ("opening", "double", "{a}.opening"),
         ("fingerDepth", "double", "{a}.depth"),
+        ("sweptVolume", "double", "{a}.swept"),
         ("preferred", "boolean", "{a}.preferred"),
     ),
     *_typed(AUTOMATON, _AUTOMATON, "Automaton"),

@@ -119,6 +119,20 @@ class Gripper:
         return found
 
     @property
+    def swept_volume(self) -> float:
+        """The volume that the fingers pass while they close, m³: hulls of open, half and closed."""
+        volume = 0.0
+        for finger in self.fingers:
+            points = [
+                self.robot.hull(link) @ pose[:3, :3].T + pose[:3, 3]
+                for poses in self.poses[[0, len(self.poses) // 2, -1]]
+                for link, pose in zip(self.links, poses, strict=True)
+                if link in finger
+            ]
+            volume += ConvexHull(np.concatenate(points), qhull_options="QJ").volume
+        return volume
+
+    @property
     def rigid(self) -> frozenset[str]:
         """The palm and all links that are fixed to it."""
         return frozenset(_Tree(self.robot).rigid(self.palm))

@@ -1,7 +1,8 @@
 """How likely actions succeed, by all outcomes on the object and on objects of a similar shape.
 
-Evidence counts at three levels: families of actions on similar shapes, then on the object itself,
-then the action. Each level is the prior of the next one. A grasp that trial and error had to move
+Evidence counts at three levels: actions on similar shapes, then on the object itself, then the
+action. Each level is the prior of the next one. On similar shapes, grasps are compared by their
+geometry (`GraspModel`), other actions by their families. A grasp that trial and error had to move
 on similar shapes is moved alike on another one (Tosello et al., sections IV-B and IV-C).
 """
 
@@ -18,7 +19,9 @@ from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.evaluation import group_of, shifted
+from semmap.manipulation.grasp_model import GraspModel, grasp_features
 from semmap.manipulation.reader import in_model, read_shape
+from semmap.manipulation.solids import ConvexSolid, solid_of
 
 PRIOR = 0.5
 """Attempts that a level counts as a prior of the next one: one attempt in simulation."""
@@ -60,18 +63,40 @@ class _Level:
         self.groups[key] = self.groups.get(key, NONE).plus(outcomes)
 
 
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """What grasps of an object are measured by: its solid at `pose` (4, 4), and the gripper.
+
+    `pose` is in the frame of the model; `opening` and `depth` are metres.
+    """
+
+    solid: ConvexSolid
+    pose: Floats
+    opening: float
+    depth: float
+
+    def features(self, poses: Floats, widths: Floats) -> Floats:
+        """`grasp_features` of grasps at (N, 4, 4) in the frame of the model."""
+        in_shape = np.linalg.inv(self.pose) @ poses
+        up = self.pose[2, :3]
+        return grasp_features(self.solid, up, in_shape, widths, self.opening, self.depth)
+
+
 @dataclass(eq=False)
 class Evidence:
     """Outcomes on an object model (`own`) and on those of a similar shape (`alike`).
 
     `shifts` are those that succeeded on similar shapes, by group, with their weights: (4,) x, y, z
     in the frame of the shape, and the part of those that only reach further, along the approach; as
-    shares of the shape's largest size.
+    shares of the shape's largest size. `model` is learned from all of both, by `scale`; None where
+    there is no outcome of a grasp, or no shape.
     """
 
     alike: _Level = field(default_factory=_Level)
     own: _Level = field(default_factory=_Level)
     shifts: dict[str, list[tuple[Floats, float]]] = field(default_factory=dict)
+    scale: Scale | None = None
+    model: GraspModel | None = None
 
     def add(
         self,
@@ -93,13 +118,37 @@ class Evidence:
         if np.linalg.norm(part) <= 1:
             self.shifts.setdefault(group, []).append((part, outcomes.successes))
 
+    def by_geometry(self, poses: Floats, widths: Floats, qualities: Floats) -> Floats | None:
+        """What outcomes of all grasps of such shapes let expect of N; None where there is none.
+
+        Poses (N, 4, 4) are in the frame of the model, widths metres.
+        """
+        if self.model is None or self.scale is None:
+            return None
+        return self.model.expected(self.scale.features(poses, widths), qualities)
+
+    def by_family(self, family: str, quality: float, moved: bool) -> float:
+        """What outcomes of the family on similar shapes let expect."""
+        every = self.alike.every.expected(1)
+        return self.alike.groups.get((group_of(family), moved), NONE).expected(every * quality)
+
     def expected(
-        self, family: str, quality: float, tried: Tally = NONE, *, moved: bool = False
+        self,
+        family: str,
+        quality: float,
+        tried: Tally = NONE,
+        *,
+        moved: bool = False,
+        prior: float | None = None,
     ) -> float:
-        """The expected share of successes of an action; its outcomes `tried` are in `own`."""
-        key = group_of(family), moved
-        prior = self.alike.groups.get(key, NONE).expected(self.alike.every.expected(1) * quality)
-        near = NONE.plus(self.own.groups.get(key, NONE).plus(tried, -1), NEIGHBOUR)
+        """The expected share of successes of an action; its outcomes `tried` are in `own`.
+
+        `prior` is that by similar shapes, by default `by_family`.
+        """
+        if prior is None:
+            prior = self.by_family(family, quality, moved)
+        own = self.own.groups.get((group_of(family), moved), NONE)
+        near = NONE.plus(own.plus(tried, -1), NEIGHBOUR)
         return tried.expected(near.expected(prior))
 
     def shift(self, grasp: Grasp, shape_pose: Floats, extent: float) -> Floats | None:
@@ -118,14 +167,72 @@ def evidence_on(session: Session, object_id: int, gripper: str, kind: str = "gra
     """The outcomes on an object model and on similar shapes, by ``similar_outcomes`` in SQL."""
     found = Evidence()
     rows = session.execute(
-        "SELECT family, own, attempts, successes, shift, pose, extent "
-        "FROM similar_outcomes(%s, %s, %s)",
+        "SELECT family, own, attempts, successes, quality, shift, pose, width, size, up, opening, "
+        "depth FROM similar_outcomes(%s, %s, %s) ORDER BY own, family, pose",
         (object_id, gripper, kind),
-    )
-    for family, own, attempts, successes, shift, pose, extent in rows.fetchall():
-        place = None if pose is None else Pose(*pose)
-        found.add(family, own, Tally(attempts, successes), shift, place, extent)
+    ).fetchall()
+    outcomes = [_Outcome(*row) for row in rows]
+    for one in outcomes:
+        if one.family is not None:
+            pose = None if one.pose is None else Pose(*one.pose)
+            extent = None if one.size is None else max(one.size)
+            done = Tally(one.attempts, one.successes)
+            found.add(one.family, one.own, done, one.shift, pose, extent)
+    if kind == "grasp" and outcomes:
+        found.scale = _scale(session, object_id, gripper)
+        found.model = _model(outcomes, found.scale)
     return found
+
+
+class _Outcome(NamedTuple):
+    """A row of ``similar_outcomes``."""
+
+    family: str | None
+    own: bool
+    attempts: float
+    successes: float
+    quality: float
+    shift: list[float] | None
+    pose: list[float] | None
+    width: float | None
+    size: list[float] | None
+    up: list[float] | None
+    opening: float
+    depth: float
+
+
+def _scale(session: Session, object_id: int, gripper: str) -> Scale | None:
+    shape = read_shape(session, object_id)
+    if shape is None:
+        return None
+    ((opening, depth),) = session.execute(
+        "SELECT opening, depth FROM gripper WHERE device_id = gripper_named(%s)", (gripper,)
+    ).fetchall()
+    solid = solid_of(shape["shape"], shape["size"])
+    return Scale(solid, shape["shape_pose"].matrix, opening, depth)
+
+
+def _model(outcomes: Sequence[_Outcome], scale: Scale | None) -> GraspModel | None:
+    """What outcomes on shapes of the kind of `scale` teach; None where there is none."""
+    known = [one for one in outcomes if one.pose is not None and one.width is not None]
+    if scale is None or not known:
+        return None
+    features = [
+        grasp_features(
+            solid_of(scale.solid.kind, one.size or ()),
+            np.array(one.up),
+            Pose(*one.pose or ()).matrix[None],
+            np.array([one.width]),
+            one.opening,
+            one.depth,
+        )
+        for one in known
+    ]
+    qualities, attempts, successes = (
+        np.array([getattr(one, name) for one in known])
+        for name in ("quality", "attempts", "successes")
+    )
+    return GraspModel.learn(np.concatenate(features), qualities, attempts, successes)
 
 
 def ranked(
@@ -136,14 +243,13 @@ def ranked(
     What succeeded on an object at least as often as it failed comes before all else: it takes the
     place of what was proposed before (Tosello et al., section IV-C).
     """
-    evidence: dict[int, Evidence] = {}
     found = []
-    for row in rows:
-        number = row["object_id"]
-        if number not in evidence:
-            evidence[number] = evidence_on(session, number, gripper, kind)
-        by_all = {"expected": _expected(evidence[number], row), "quality": _quality(row)}
-        found.append(row | by_all)
+    for number in dict.fromkeys(row["object_id"] for row in rows):
+        evidence = evidence_on(session, number, gripper, kind)
+        of_model = [row for row in rows if row["object_id"] == number]
+        expected = _expected(evidence, of_model)
+        for row, share in zip(of_model, expected, strict=True):
+            found.append(row | {"expected": share, "quality": _quality(row)})
     return best_first(found)
 
 
@@ -156,10 +262,33 @@ def _proven(row: dict[str, Any]) -> bool:
     return bool(0 < row["successes"] >= row["attempts"] / 2)
 
 
-def _expected(evidence: Evidence, row: dict[str, Any]) -> float:
-    tried = Tally(row["attempts"], row["successes"])
-    family, moved = row["family"] or "", row["shift"] is not None
-    return evidence.expected(family, _quality(row), tried, moved=moved)
+def _expected(evidence: Evidence, rows: Sequence[dict[str, Any]]) -> list[float]:
+    """The expected shares of successes of actions on one object model."""
+    return [
+        evidence.expected(
+            row["family"] or "",
+            _quality(row),
+            Tally(row["attempts"], row["successes"]),
+            moved=row["shift"] is not None,
+            prior=prior,
+        )
+        for row, prior in zip(rows, _by_geometry(evidence, rows), strict=True)
+    ]
+
+
+def _by_geometry(evidence: Evidence, rows: Sequence[dict[str, Any]]) -> Sequence[float | None]:
+    """Where grasps are compared by geometry, what is expected of rows; None for the others."""
+    found: list[float | None] = [None] * len(rows)
+    # the pose of a linked model's grasp is in the frame of another model
+    own = [i for i, row in enumerate(rows) if row["width"] is not None and not row.get("link")]
+    if own and evidence.model is not None:
+        poses = np.array([rows[i]["model_pose"].matrix for i in own])
+        widths = np.array([rows[i]["width"] for i in own])
+        qualities = np.array([_quality(rows[i]) for i in own])
+        shares = evidence.by_geometry(poses, widths, qualities)
+        for i, share in zip(own, () if shares is None else shares.tolist(), strict=True):
+            found[i] = share
+    return found
 
 
 def _quality(row: dict[str, Any]) -> float:
@@ -178,15 +307,19 @@ def moved_alike(
     pose, extent = shape["shape_pose"].matrix, max(shape["size"])
     moved = {group_of(row["family"] or "") for row in rows if row["shift"] is not None}
     found = []
-    for row in rows:
+    for row, expected in zip(rows, _expected(evidence, rows), strict=True):
         family, quality = row["family"] or "", _quality(row)
         if row["shift"] is not None or group_of(family) in moved:
             continue
         grasp = replace(grasp_of_row(row, opening), quality=quality)
         shift = evidence.shift(grasp, pose, extent)
-        better = evidence.expected(family, quality, moved=True) > _expected(evidence, row)
-        if shift is not None and better:
-            found.append(shifted(grasp, shift))
+        if shift is None:
+            continue
+        other = shifted(grasp, shift)
+        as_row = row | {"model_pose": Pose.from_matrix(other.pose), "shift": other.shift}
+        untried = as_row | {"attempts": 0, "successes": 0, "expected": quality}
+        if _expected(evidence, [untried])[0] > expected:
+            found.append(other)
     return found
 
 

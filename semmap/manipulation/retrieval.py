@@ -320,6 +320,7 @@ def register_gripper(
         form=gripper.kind,
         opening=gripper.opening,
         depth=gripper.depth,
+        swept=gripper.swept_volume,
         urdf=path.read_text("utf-8"),
         source=f"{path.resolve()}#{gripper.palm}",
         joints=limits,

@@ -56,7 +56,10 @@ class Device(Base):
 
 
 class StoredGripper(Base):
-    """A device that grips: how wide it opens and how deep its fingers are, metres."""
+    """A device that grips: how wide it opens and how deep its fingers are, metres.
+
+    `swept` is the volume that its fingers pass while they close, m³.
+    """
 
     __tablename__ = "gripper"
 
@@ -66,6 +69,7 @@ class StoredGripper(Base):
     form: Mapped[str]
     opening: Mapped[float]
     depth: Mapped[float]
+    swept: Mapped[float | None]
     preferred: Mapped[bool] = mapped_column(server_default=text("false"))
 
     device: Mapped[Device] = relationship()

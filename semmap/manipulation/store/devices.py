@@ -66,6 +66,7 @@ def add_gripper(
     form: str,
     opening: float,
     depth: float,
+    swept: float | None = None,
     urdf: str | None = None,
     source: Path | str | None = None,
     joints: Mapping[str, tuple[float, float]] | None = None,
@@ -73,13 +74,16 @@ def add_gripper(
 ) -> int:
     """Store a gripper, or update the one of this name; return its id.
 
-    `opening` is the widest object that it closes on, `depth` how deep its fingers are, metres. The
-    `preferred` one is meant where a query names none; by default, if none is yet.
+    `opening` is the widest object that it closes on, `depth` how deep its fingers are, metres, and
+    `swept` the volume that they pass, m³. The `preferred` one is meant where a query names none; by
+    default, if none is yet.
     """
     if not (math.isfinite(opening) and opening > 0):
         raise ManipulationError(f"gripper {name}: its opening is {opening}: give metres above 0")
     if not (math.isfinite(depth) and depth >= 0):
         raise ManipulationError(f"gripper {name}: its depth is {depth}: give metres, at least 0")
+    if swept is not None and not (math.isfinite(swept) and swept > 0):
+        raise ManipulationError(f"gripper {name}: its fingers pass {swept}: give m³ above 0")
     with refusals(), session.transaction():
         id_ = add_device(session, name, "gripper", urdf=urdf, source=source, joints=joints)
         if preferred is None:
@@ -88,11 +92,11 @@ def add_gripper(
         if preferred:
             session.execute("UPDATE gripper SET preferred = false WHERE preferred")
         session.execute(
-            "INSERT INTO gripper (device_id, form, opening, depth, preferred) "
-            "VALUES (%s, %s, %s, %s, %s) ON CONFLICT (device_id) DO UPDATE SET "
+            "INSERT INTO gripper (device_id, form, opening, depth, swept, preferred) "
+            "VALUES (%s, %s, %s, %s, %s, %s) ON CONFLICT (device_id) DO UPDATE SET "
             "form = excluded.form, opening = excluded.opening, depth = excluded.depth, "
-            "preferred = excluded.preferred OR gripper.preferred",
-            (id_, form, opening, depth, preferred),
+            "swept = excluded.swept, preferred = excluded.preferred OR gripper.preferred",
+            (id_, form, opening, depth, swept, preferred),
         )
     return id_
 
