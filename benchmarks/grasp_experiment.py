@@ -1,13 +1,15 @@
 """The paper's experiment (Tosello et al., section IV-D), repeated over many random objects.
 
-    python -m benchmarks grasp_experiment                    # the table; 20 minutes on two cores
+    python -m benchmarks grasp_experiment                    # the table; 30 minutes on two cores
     python -m benchmarks.grasp_experiment --draw FILE.png    # and the curve
 
 A robot meets one object after another: cuboids, cylinders, spheres and cones of random size, mass,
 friction and balance, whose pose it sees with an error. It practises each one: `practise` takes the
 grasps in the order in which `find_grasps` proposes them, until one succeeds, and stores what it
 learns in the database. Then it meets the same object again. At each object, a robot without
-knowledge takes the grasp that `find_grasps` proposes where no outcome is trusted.
+knowledge takes the grasp that `find_grasps` proposes where no outcome is trusted; it sees the
+object with the same error. A pupil with another gripper tries one grasp of each of these objects,
+and then of new ones; it knows the outcomes of its teacher alone, since its own are not stored.
 """
 
 from __future__ import annotations
@@ -17,8 +19,11 @@ import importlib.metadata
 import multiprocessing
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from copy import copy
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,8 +61,12 @@ TABLE = 0.75
 GAP = 5e-4
 """Metres between the table and what stands on it."""
 
-RUNS, OBJECTS, TAUGHT = 6, 60, 40
-"""Runs of each robot, objects of a run, and objects that a teacher met before."""
+RUNS, OBJECTS, NEW = 6, 60, 40
+"""Runs of each robot, objects of a run, and new objects that a pupil meets after it."""
+
+
+TAUGHT = ("taught by the other one, same objects", "taught by the other one, new objects")
+"""What a pupil tries: objects after its teacher, and then others."""
 
 
 class Item(NamedTuple):
@@ -79,6 +88,14 @@ class Meeting(NamedTuple):
     attempts: int  # until success, with knowledge
     learned: bool
     again: bool  # the first attempt at a second meeting
+
+
+class Life(NamedTuple):
+    """The meetings of a robot, and those of its pupil with the same and with new objects."""
+
+    own: list[Meeting]
+    same: list[Meeting]
+    new: list[Meeting]
 
 
 def random_item(random: np.random.Generator) -> Item:
@@ -141,50 +158,94 @@ class Encounter:
         pose = np.eye(4)
         pose[:3, :3] = item.rotation
         body = body_of(solid, pose=pose, mass=item.mass, friction=item.friction, offset=item.offset)
-        self._hand = stored_gripper(self.session, gripper)
-        self._trial = Trial(self._hand, body, standing)
+        self._body, self._standing = body, standing
+        self._meet(gripper)
 
-    def attempt(self, grasp: Grasp) -> TrialOutcome:
-        """Execute a grasp at the pose that the robot sees."""
+    def _meet(self, gripper: str) -> None:
+        self.gripper, self._hand = gripper, stored_gripper(self.session, gripper)
+        self._trial = Trial(self._hand, self._body, self._standing)
+        self._error = self._look()
+
+    def by(self, gripper: str) -> Encounter:
+        """The same object before another gripper."""
+        other = copy(self)
+        other._meet(gripper)
+        return other
+
+    def again(self) -> Encounter:
+        """The same object before the same gripper, seen with another error."""
+        return self.by(self.gripper)
+
+    def _look(self) -> Floats:
+        """The pose that the robot sees, in the frame of the true one."""
         error = np.eye(4)
         error[:2, 3] = self._random.normal(0, POSITION, 2)
         turn = self._random.normal(0, HEADING)
         error[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        return self._trial.run(grasp, error=error)
+        return error
 
-    def blind(self) -> bool:
-        """Whether the best grasp succeeds where no outcome is trusted."""
+    def attempts(self) -> Callable[[Grasp], TrialOutcome]:
+        """Return what executes grasps at the pose seen; after the first one, the robot looks again.
+
+        The first grasps of all robots meet the same error.
+        """
+        errors = chain([self._error], (self._look() for _ in count()))
+        return lambda grasp: self._trial.run(grasp, error=next(errors))
+
+    def first(self, *, knowing: bool) -> bool:
+        """Whether the best grasp succeeds, with all outcomes or where none is trusted."""
         with self.home.transaction() as transaction:
-            self.session.execute("UPDATE contributor SET trust = 0")
+            if not knowing:
+                self.session.execute("UPDATE contributor SET trust = 0")
             found = find_grasps(
                 seen_by(self.session), name=self.name, gripper=self.gripper, limit=1
             )
             if not found.rows:
                 raise ManipulationError("; ".join(found.problems))
             raise psycopg.Rollback(transaction)
-        outcome = self.attempt(grasp_of_row(found.rows[0], self._hand.opening))
+        outcome = self.attempts()(grasp_of_row(found.rows[0], self._hand.opening))
         return mismatch(outcome) is None
 
     def practise(self, tries: int = 12) -> list[dict[str, Any]]:
         """What `semmap.manipulation.practice.practise` returns."""
         return practise(
-            seen_by(self.session), self.name, self.gripper, tries=tries, attempt=self.attempt
+            seen_by(self.session), self.name, self.gripper, tries=tries, attempt=self.attempts()
         )
 
 
-def meet(home: Map, gripper: str, item: Item, random: Any) -> Meeting | None:
-    """Let robots without and with knowledge meet an object; None for one without grasps."""
-    encounter = Encounter(home, gripper, item, random)
+@contextmanager
+def encounter_with(
+    home: Map, gripper: str, draw_item: Callable[[np.random.Generator], Item], seeds: list[int]
+) -> Iterator[Encounter]:
+    """A gripper before a random object, which is in the map until the end."""
+    random = np.random.default_rng(seeds)
+    encounter = Encounter(home, gripper, draw_item(random), random)
     try:
-        generate(seen_by(encounter.session), encounter.name, gripper)
-        blind = encounter.blind()
-        first = encounter.practise()
-        learned = first[-1]["outcome"] == "completed"
-        again = learned and encounter.practise(tries=1)[0]["outcome"] == "completed"
-    except ManipulationError:
-        return None
+        yield encounter
     finally:
         home[encounter.name].delete()
+
+
+def compare(encounter: Encounter) -> Meeting | None:
+    """First attempts without and with knowledge, none stored; None for an object without grasps."""
+    try:
+        generate(seen_by(encounter.session), encounter.name, encounter.gripper)
+        blind, knowing = (encounter.first(knowing=know) for know in (False, True))
+    except ManipulationError:
+        return None
+    return Meeting(blind, knowing, 0, False, False)
+
+
+def meet(encounter: Encounter) -> Meeting | None:
+    """Let robots without and with knowledge meet an object; None for one without grasps."""
+    try:
+        generate(seen_by(encounter.session), encounter.name, encounter.gripper)
+        blind = encounter.first(knowing=False)
+        first = encounter.practise()
+        learned = first[-1]["outcome"] == "completed"
+        again = learned and encounter.again().practise(tries=1)[0]["outcome"] == "completed"
+    except ManipulationError:
+        return None
     return Meeting(blind, first[0]["outcome"] == "completed", len(first), learned, again)
 
 
@@ -199,32 +260,37 @@ def live(
     robot: str,
     seed: int,
     objects: int,
-    teacher: str | None = None,
+    pupil: str | None = None,
     draw_item: Callable[[np.random.Generator], Item] = random_item,
-) -> list[Meeting]:
-    """One life of a robot: meetings with random objects, after those of a teacher, if any.
+) -> Life:
+    """One life of a robot: meetings with random objects, each also with its pupil, if any.
 
     What the database knew of manipulation before is deleted. Those without a grasp do not count.
     """
     db.session.execute("DELETE FROM object_model")
-    name = f"{robot} {seed} {teacher}"
+    name = f"{robot} {seed} {pupil}"
     home = db.create_map(name)
     home.add_object("table", type="table", size=(1.2, 1.2, TABLE), pose=(0, 0, 0))
-    lives = [(robot, [seed, 0], objects)]
-    if teacher is not None:
-        lives.insert(0, (teacher, [seed, 1], TAUGHT))
-    for gripper, seeds, count in lives:
-        register_gripper(home.connection, urdf(gripper), gripper)
-        meetings: list[Meeting] = []
-        for number in range(2 * count):
-            random = np.random.default_rng([*seeds, number])
-            meeting = meet(home, gripper, draw_item(random), random)
-            if meeting is not None:
-                meetings.append(meeting)
-            if len(meetings) == count:
-                break
+    for gripper in (robot, pupil):
+        if gripper is not None:
+            register_gripper(home.connection, urdf(gripper), gripper)
+    life = Life([], [], [])
+    for number in range(2 * objects):
+        with encounter_with(home, robot, draw_item, [seed, 0, number]) as encounter:
+            meeting = meet(encounter)
+            taught = compare(encounter.by(pupil)) if meeting and pupil else None
+        life.own.extend([meeting] if meeting else [])
+        life.same.extend([taught] if taught else [])
+        if len(life.own) == objects:
+            break
+    for number in range(2 * NEW if pupil else 0):
+        with encounter_with(home, str(pupil), draw_item, [seed, 1, number]) as encounter:
+            taught = compare(encounter)
+        life.new.extend([taught] if taught else [])
+        if len(life.new) == NEW:
+            break
     db.drop_map(name)
-    return meetings
+    return life
 
 
 # -- statistics -----------------------------------------------------------------------------------
@@ -334,14 +400,15 @@ def draw(lives: dict[str, list[list[Meeting]]], path: Path) -> None:
 def report(lives: dict[str, list[list[Meeting]]]) -> None:
     """Print the table."""
     rows = [row for name, found in lives.items() for row in rows_of(name, found)]
-    late = [
-        m
-        for name, found in lives.items()
-        if "taught" not in name
-        for life in found
-        for m in life[len(life) // 3 :]
-    ]
-    rows.append(difference_row("both, untaught", late))
+    for group in ("untaught", *TAUGHT):
+        chosen = [
+            m
+            for name, found in lives.items()
+            if name.endswith(group) or (group == "untaught" and "taught" not in name)
+            for life in found
+            for m in life[len(life) // 3 if group == "untaught" else 0 :]
+        ]
+        rows.append(difference_row(f"both, {group}", chosen))
     count, objects = (len(v) for v in (lives["panda"], lives["panda"][0]))
     title = f"Grasps learned by trial and error: {count} runs of {objects} objects; 95 % intervals"
     print_rows(title, rows)
@@ -350,7 +417,7 @@ def report(lives: dict[str, list[list[Meeting]]]) -> None:
 # -- runs -----------------------------------------------------------------------------------------
 
 
-def run(job: tuple[str, int, int, str | None], folder: Path) -> list[Meeting]:
+def run(job: tuple[str, int, int, str | None], folder: Path) -> Life:
     """One life in the embedded database of this process."""
     cluster = Cluster(folder / str(os.getpid()))
     with semmap.connect(cluster, migrate=True) as db:
@@ -359,14 +426,10 @@ def run(job: tuple[str, int, int, str | None], folder: Path) -> list[Meeting]:
 
 def main(
     runs: int = RUNS, objects: int = OBJECTS, seed: int = 2000, to: Path | None = None
-) -> None:
-    """Print the table; draw the curve to a file, if one is given."""
-    robots = {"panda": None, "pr2": None, "pr2 taught by panda": "panda"}
-    jobs = [
-        (name.split()[0], seed + i, objects // (3 if teacher else 1), teacher)
-        for name, teacher in robots.items()
-        for i in range(runs)
-    ]
+) -> dict[str, list[list[Meeting]]]:
+    """Print the table; draw the curve to a file, if one is given. Return the lives by robot."""
+    pupils = {"panda": "pr2", "pr2": "panda"}
+    jobs = [(name, seed + i, objects, pupil) for name, pupil in pupils.items() for i in range(runs)]
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)  # where root starts it, the server runs as postgres
         context = multiprocessing.get_context("spawn")
@@ -374,10 +437,14 @@ def main(
             met = list(pool.map(run, jobs, [Path(folder)] * len(jobs)))
         for home in Path(folder).iterdir():
             Cluster(home).stop()
-    lives = {name: met[i * runs : (i + 1) * runs] for i, name in enumerate(robots)}
+    lives: dict[str, list[list[Meeting]]] = {}
+    for (robot, _, _, pupil), life in zip(jobs, met, strict=True):
+        for name, meetings in zip((robot, *(f"{pupil} {t}" for t in TAUGHT)), life, strict=True):
+            lives.setdefault(name, []).append(meetings)
     report(lives)
     if to is not None:
-        draw({name: found for name, found in lives.items() if "taught" not in name}, to)
+        draw({name: found for name, found in lives.items() if name in pupils}, to)
+    return lives
 
 
 if __name__ == "__main__":

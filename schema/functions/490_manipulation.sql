@@ -335,9 +335,10 @@ CREATE FUNCTION gripper_likeness(one integer, other integer)
 RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE
 BEGIN ATOMIC
 -- How much outcomes of a gripper tell of another one, 0 to 1: by the ratios of their openings, of the depths of their fingers
--- and of the edges of a cube as large as the volume that the fingers pass, and by their forms.
-SELECT exp(-(ln(a.opening / b.opening) ^ 2 + ln(greatest(a.depth, 0.005) / greatest(b.depth, 0.005)) ^ 2
-             + coalesce((ln(a.swept / b.swept) / 3) ^ 2, 0) + (a.form <> b.form)::integer) / 2)
+-- and of the edges of a cube as large as the volume that the fingers pass; 0 for another form.
+SELECT CASE WHEN a.form <> b.form THEN 0
+            ELSE exp(-(ln(a.opening / b.opening) ^ 2 + ln(greatest(a.depth, 0.005) / greatest(b.depth, 0.005)) ^ 2
+                       + coalesce((ln(a.swept / b.swept) / 3) ^ 2, 0)) / 2) END
 FROM semmap.gripper a, semmap.gripper b WHERE a.device_id = gripper_likeness.one AND b.device_id = gripper_likeness.other;
 END;
 
@@ -370,7 +371,7 @@ SELECT a.family, a.object_id = m.id, w.weight * a.attempts, w.weight * a.success
        semmap.pose_compose(f.inverse, a.pose), a.width, o.size,
        semmap.pose_rotate(f.inverse, 0, 0, 1), h.opening, h.depth
 FROM meant m, alike l JOIN semmap.object_model o ON o.id = l.id
-JOIN semmap.action a ON a.object_id = l.id AND a.attempts > 0 AND a.kind = of_kind JOIN hands h ON h.device_id = a.gripper_id,
+JOIN semmap.action a ON a.object_id = l.id AND a.attempts > 0 AND a.kind = of_kind JOIN hands h ON h.device_id = a.gripper_id AND h.likeness > 0,
 LATERAL (SELECT semmap.pose_inverse(o.shape_pose) AS inverse) f, LATERAL (SELECT l.likeness * h.likeness AS weight) w;
 END;
 

@@ -70,6 +70,9 @@ def _kinds() -> Iterator[TripleMap]:
     for kind in ("grasp", "place", "push", "turn", "open", "put"):
         names = ("Push", "Turn") if kind == "turn" else (kind.capitalize(),)
         yield from _typed(ACTION, _ACTION, *names, where=f"{{a}}.kind = '{kind}'")
+    for form, name in (("parallel", "Parallel"), ("multi-finger", "MultiFinger")):
+        hand = Value("device", "{a}.device_id")
+        yield from _typed(GRIPPER, hand, f"{name}Gripper", where=f"{{a}}.form = '{form}'")
     for shape in ("sphere", "cylinder", "cone", "cuboid"):
         source = TripleTables(OBJECT.tables, (f"{{a}}.shape = '{shape}'",), key=OBJECT.key)
         yield TripleMap(

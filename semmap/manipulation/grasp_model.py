@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import expit, logit
 
 from semmap.arrays import Floats
+from semmap.manipulation.gripper import PAD
 from semmap.manipulation.solids import ConvexSolid
 
 SPREAD = 3.0
@@ -25,6 +26,9 @@ SUCCEEDS, TEMPER = 1.0, 0.25
 Qualities order grasps; their differences say little against outcomes.
 """
 
+GRID = np.linspace(-0.4, 0.4, 5) * PAD
+"""Metres from the middle of a pad, at which it is on the object or beside it."""
+
 STEPS, SETTLED = 30, 1e-8
 """The most steps of Newton's method, and the largest step with which it ends."""
 
@@ -32,7 +36,7 @@ STEPS, SETTLED = 30, 1e-8
 def grasp_features(
     solid: ConvexSolid, up: Floats, poses: Floats, widths: Floats, opening: float, depth: float
 ) -> Floats:
-    """(N, 8) features of grasps by a gripper, most of them between -1 and 1.
+    """(N, 9) features of grasps by a gripper, most of them between -1 and 1.
 
     Parameters
     ----------
@@ -44,8 +48,8 @@ def grasp_features(
     -------
     1; the place between the pads on each axis of the solid, from its centre of mass, as a share of
     its half sizes; the distance of the closing axis from that centre, as a share of half of its
-    diagonal; the width as a share of the opening, and what lies between pads and palm as one of the
-    depth; how far the approach leads down.
+    diagonal; the part of the pads on the solid; the width as a share of the opening, and what lies
+    between pads and palm as one of the depth; how far the approach leads down.
     """
     closing, approach = poses[:, :3, 0], poses[:, :3, 2]
     half = _half_sizes(solid)
@@ -60,11 +64,21 @@ def grasp_features(
             np.ones(len(poses)),
             from_centre / half,
             lever / np.linalg.norm(half),
+            pads_on(solid, poses),
             widths / opening,
             np.clip(before / max(depth, 1e-3), 0, 1.5),
             -approach @ up,
         ]
     )
+
+
+def pads_on(solid: ConvexSolid, poses: Floats) -> Floats:
+    """(N,) the part of the pads that is on a solid, at (N, 4, 4) grasp frames in its frame."""
+    across, along = np.meshgrid(GRID, GRID)
+    points = np.stack([np.zeros(across.size), across.ravel(), along.ravel()])
+    spread = np.einsum("nij,jk->nki", poses[:, :3, :3], points)
+    on: Floats = solid.contains(poses[:, None, :3, 3] + spread).mean(axis=1)
+    return on
 
 
 def _half_sizes(solid: ConvexSolid) -> Floats:

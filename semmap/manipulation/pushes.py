@@ -25,6 +25,7 @@ from semmap.manipulation.reader import STORED, actions_on
 from semmap.manipulation.retrieval import gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.model_shapes import model_mesh, shape_of
+from semmap.manipulation.suitability import reasons_against
 from semmap.manipulation.surroundings import entity_pose, obstacles_around
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
@@ -58,19 +59,22 @@ def find_pushes(
     approach begins. LookupError without the entity or gripper; ManipulationError where it has no
     mesh, or stands on nothing level, or the distance is not above 0.
     """
-    entity_id(seen.session, entity)
+    number = entity_id(seen.session, entity)
     if not (is_finite_number(distance) and distance > 0):
         raise ManipulationError(f"{entity}: distance is {distance}: give metres above 0")
     chosen = gripper_name(seen.session, gripper)
     hand = stored_gripper(seen.session, chosen)
     vertices = np.asarray(model_mesh(seen, entity).vertices)
+    shape = shape_of(seen, entity)
+    excluded = reasons_against(seen, "push", hand.kind, [number])
+    if excluded:
+        return FoundActions([], [*excluded.values()])
     model = entity_pose(seen, entity).matrix
     obstacles = obstacles_around(seen, entity)
     surface = _surface(entity, vertices, model, obstacles)
     rows, generated = _stored(seen, entity, chosen, distance), []
     if not rows:
         pushes = push_candidates(vertices, model, hand, distance=distance)
-        shape = shape_of(seen, entity)
         turned = (model[:3, :3] @ shape.pose[:3, :3]).T
         records = [_record(push, shape.kind, turned) for push in pushes]
         add_actions(seen.session, entity, chosen, records, frame="map")

@@ -19,7 +19,7 @@ from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.evaluation import group_of, shifted
-from semmap.manipulation.grasp_model import GraspModel, grasp_features
+from semmap.manipulation.grasp_model import GraspModel, grasp_features, pads_on
 from semmap.manipulation.reader import in_model, read_shape
 from semmap.manipulation.solids import ConvexSolid, solid_of
 
@@ -305,6 +305,7 @@ def moved_alike(
     if not evidence.shifts or shape is None:
         return []
     pose, extent = shape["shape_pose"].matrix, max(shape["size"])
+    solid = solid_of(shape["shape"], shape["size"])
     moved = {group_of(row["family"] or "") for row in rows if row["shift"] is not None}
     found = []
     for row, expected in zip(rows, _expected(evidence, rows), strict=True):
@@ -316,6 +317,8 @@ def moved_alike(
         if shift is None:
             continue
         other = shifted(grasp, shift)
+        if not pads_on(solid, (np.linalg.inv(pose) @ other.pose)[None])[0]:
+            continue  # beside a shape that is smaller in this direction
         as_row = row | {"model_pose": Pose.from_matrix(other.pose), "shift": other.shift}
         untried = as_row | {"attempts": 0, "successes": 0, "expected": quality}
         if _expected(evidence, [untried])[0] > expected:

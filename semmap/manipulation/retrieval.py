@@ -35,8 +35,10 @@ from semmap.manipulation.store.model_shapes import (
     shape_of,
     stored_shape,
 )
+from semmap.manipulation.suitability import reasons_against
 from semmap.manipulation.surface_grasps import mesh_grasps
 from semmap.manipulation.surroundings import Surroundings, enclosure_of, entity_pose
+from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
 
 DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
@@ -60,20 +62,23 @@ def find_grasps(
     """The best grasps of objects; those of models without any are generated and stored.
 
     They are ranked (`ranked`), and moved as those of similar shapes were. Grasps of linked models
-    count as stored ones. `check` leaves out those at which the gripper touches what is around, or
-    the object before it closes. Else as `actions_on`.
+    count as stored ones. What the ontology excludes (`reasons_against`) is left out. `check` leaves
+    out those at which the gripper touches what is around, or the object before it closes. Else as
+    `actions_on`.
     """
     asked = {"name": name, "function": function, "point": point, "tolerance": tolerance}
     entities = entities_meant(seen, **asked)  # type: ignore[arg-type]
     chosen = gripper_name(seen.session, gripper)
+    form = _form(seen.session, chosen)
+    excluded = reasons_against(seen, "grasp", form, entities)
     prepare_links(seen, entities)
 
     def stored() -> tuple[list[dict[str, Any]], list[str]]:
         rows = actions_on(seen, **asked, gripper=chosen, limit=STORED)  # type: ignore[arg-type]
-        return fitting_rows(seen, rows)
+        return fitting_rows(seen, [row for row in rows if row["entity"] not in excluded])
 
     rows, problems = stored()
-    known = list({row["entity"] for row in rows if row["link"] is not None})
+    known = [*excluded, *{row["entity"] for row in rows if row["link"] is not None}]
     missing = seen.session.execute(MISSING, (entities, chosen, known)).fetchall()
     generated = []
     for (entity,) in sorted(missing)[:MODELS]:
@@ -86,7 +91,9 @@ def find_grasps(
         except ManipulationError as error:
             problems.append(str(error))
     if generated:
+        excluded = reasons_against(seen, "grasp", form, entities)  # their shapes are known now
         rows, _ = stored()
+    problems += excluded.values()
     if _move_alike(seen.session, [row for row in rows if row["link"] is None], chosen):
         rows, _ = stored()
     rows = _steady(seen, _ranked(seen.session, rows, chosen), chosen, problems)
@@ -125,6 +132,8 @@ def known_grasps(
     Rows have what is needed to check them, as those of `actions_on`. `shape` is that of the object,
     by default that of its mesh. ManipulationError where the object has no mesh or no volume.
     """
+    if reasons_against(seen, "grasp", gripper.kind, [entity_id(seen.session, entity)]):
+        return []
     if seen.session.execute(HAS_GRIPPER, (name,)).fetchone():
         rows = actions_on(seen, name=entity, gripper=name, limit=STORED)
         rows = [row for row in fitting_rows(seen, rows)[0] if row["entity"] == entity]
@@ -243,6 +252,14 @@ def _opening(session: Session, gripper: str) -> float:
         "SELECT opening FROM gripper WHERE device_id = %s", (gripper_id(session, gripper),)
     )
     return float(opening)
+
+
+def _form(session: Session, gripper: str) -> str:
+    """The form of a stored gripper, such as parallel."""
+    ((form,),) = session.execute(
+        "SELECT form FROM gripper WHERE device_id = %s", (gripper_id(session, gripper),)
+    )
+    return str(form)
 
 
 def misfit(entity: str, shape: PrimitiveShape, gripper: str, opening: float) -> str:

@@ -37,7 +37,7 @@ def test_second_attempts_succeed_and_known_shapes_are_grasped_more_often_at_once
     """What the product stores and proposes, in a database; poses are seen with an error."""
     urdf("panda")  # skips where the robots are not installed
     with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
-        met = live(db, "panda", 5, 9, draw_item=bar)
+        met = live(db, "panda", 5, 9, draw_item=bar).own
         stored = db.session.execute(
             "SELECT count(*) FILTER (WHERE replaced_by IS NOT NULL), "
             "count(*) FILTER (WHERE shift IS NOT NULL AND successes > 0) FROM action"

@@ -1,0 +1,117 @@
+"""What the ontology excludes, beside owlrl, and in retrieval."""
+
+from __future__ import annotations
+
+import warnings
+from itertools import product
+
+import owlrl
+import pytest
+import rdflib
+
+from semmap import Map
+from semmap.database.files import schema_folder
+from semmap.manipulation.pushes import find_pushes
+from semmap.manipulation.retrieval import (
+    DEFAULT_GRIPPER,
+    find_grasps,
+    known_grasps,
+    register_gripper,
+    stored_gripper,
+)
+from semmap.manipulation.solids import solid_of
+from semmap.manipulation.suitability import class_of, unsuitable
+from tests.seen import seen_by
+
+KINDS = ("grasp", "place", "push", "turn", "open", "put")
+FORMS = ("parallel", "multi-finger", "suction")
+SHAPES = ("sphere", "cylinder", "cone", "cuboid", None)
+FUNCTIONS = ((), ("drinking",), ("wearing",), ("drying", "carrying"), ("sitting",), ("sleeping",))
+
+
+def is_consistent(kind: str, form: str, shape: str | None, functions: tuple[str, ...]) -> bool:
+    """Whether owlrl finds no contradiction in an action of the ontology."""
+    graph = rdflib.Graph()
+    graph.parse(schema_folder() / "ontology" / "knowledge" / "manipulation.ttl")
+    shaped = "" if shape is None else f":hasShape <{class_of(shape)}> ;"
+    used = "".join(f":hasFunction <{class_of(use)}> ;" for use in functions)
+    graph.parse(
+        data="@prefix : <urn:semmap:ontology#> . @prefix ex: <http://example.org/> ."
+        f"ex:action a <{class_of(kind)}> ; :actsOn ex:item ; :gripper ex:hand ."
+        f"ex:hand a <{class_of(form, 'Gripper')}> . ex:item {shaped} {used} a :ObjectModel .",
+        format="turtle",
+    )
+    closure = owlrl.OWLRL_Semantics(graph, False, False, False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        closure.closure()
+    return not closure.error_messages
+
+
+@pytest.mark.parametrize(
+    ("case", "suits"),
+    [
+        (("grasp", "parallel", "sphere", ("wearing",)), True),
+        (("grasp", "suction", "sphere", ()), False),
+        (("grasp", "suction", "cuboid", ("drinking",)), True),
+        (("grasp", "suction", "cuboid", ("drying", "carrying")), False),
+        (("grasp", "multi-finger", None, ("sitting",)), False),
+        (("place", "suction", "sphere", ("sleeping",)), True),
+        (("turn", "parallel", "sphere", ()), False),
+        (("push", "parallel", "cylinder", ("sitting",)), True),
+    ],
+)
+def test_what_does_not_suit_is_inconsistent_for_owlrl(
+    case: tuple[str, str, str | None, tuple[str, ...]], suits: bool
+) -> None:
+    assert is_consistent(*case) == suits
+    assert (not unsuitable(*case)) == suits
+
+
+def test_shapes_functions_and_forms_that_do_not_suit() -> None:
+    excluded = {case for case in product(KINDS, FORMS, SHAPES, FUNCTIONS) if unsuitable(*case)}
+    furniture, textiles = {("sitting",), ("sleeping",)}, {("wearing",), ("drying", "carrying")}
+    assert excluded == {
+        (kind, form, shape, uses)
+        for kind, form, shape, uses in product(KINDS, FORMS, SHAPES, FUNCTIONS)
+        if (kind == "grasp" and uses in furniture)
+        or (kind == "grasp" and form == "suction" and (shape == "sphere" or uses in textiles))
+        or (kind in ("push", "turn") and shape == "sphere")
+    }
+    assert unsuitable("push", "parallel", "sphere") == [
+        "a sphere rolls on from where it is pushed to"
+    ]
+
+
+def test_a_form_that_the_ontology_does_not_know_excludes_nothing_more() -> None:
+    assert unsuitable("grasp", "magnet", "sphere", ["wearing"]) == []
+
+
+def test_retrieval_proposes_nothing_that_is_excluded_and_tells_why(cups: Map) -> None:
+    here = cups.connection
+    register_gripper(here, DEFAULT_GRIPPER)
+    cups.add_object("ball", mesh=solid_of("sphere", (0.03,)).mesh(), pose=(3.0, 0.5, 0.0305))
+    stool = solid_of("cuboid", (0.05, 0.05, 0.06)).mesh()
+    cups.add_object("stool", type="chair", mesh=stool, pose=(3.0, 1.5, 0.0305))
+    seen = seen_by(here)
+    hand = DEFAULT_GRIPPER.stem
+    pushed = find_pushes(seen, "ball", gripper=hand)
+    assert pushed.rows == []
+    assert pushed.problems[0].endswith("a sphere rolls on from where it is pushed to")
+    lifted = find_grasps(seen, name="stool", gripper=hand)
+    assert lifted.rows == []
+    assert "seats and beds carry people" in lifted.problems[0]
+    assert find_grasps(seen, name="ball", gripper=hand).rows
+    gripper = stored_gripper(here, hand)
+    assert known_grasps(seen, "stool", hand, gripper) == []
+    assert known_grasps(seen, "ball", hand, gripper)
+
+
+def test_grasps_that_were_stored_before_are_left_out_too(cups: Map) -> None:
+    here = cups.connection
+    register_gripper(here, DEFAULT_GRIPPER)
+    assert find_grasps(seen_by(here), name="cup1", gripper=DEFAULT_GRIPPER.stem).rows
+    here.execute("UPDATE object_model SET functions = '{sleeping}'")
+    left = find_grasps(seen_by(here), name="cup1", gripper=DEFAULT_GRIPPER.stem)
+    assert left.rows == left.generated == []
+    assert "cup1: the ontology excludes a grasp of it by a parallel gripper" in left.problems[0]
