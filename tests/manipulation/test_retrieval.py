@@ -193,7 +193,7 @@ def test_outcomes_on_a_shape_rank_the_grasps_of_a_similar_one(cups: Map) -> None
     own = _ranks(here, "beaker", "parallel_gripper")  # what it had before is ranked again
     assert own.keys() == before.keys()
     assert own[best["family"]] == min(own.values())
-    assert own[best["family"]] < max(own.values()) / 2
+    assert own[best["family"]] < 0.75 * max(own.values())
 
 
 def test_a_second_gripper_profits_from_the_first_ones_outcomes(cups: Map, tmp_path: Path) -> None:
@@ -208,10 +208,12 @@ def test_a_second_gripper_profits_from_the_first_ones_outcomes(cups: Map, tmp_pa
     taught = _ranks(here, "cup1", "plates")
     assert best["family"] in untaught
     assert taught.keys() == untaught.keys()
-    for family, share in taught.items():
-        alike = group_of(family) == group_of(best["family"])
-        # Six failures count half, and half again for the neighbours; the prior counts half a trial.
-        assert share == pytest.approx(untaught[family] * (0.5 / (1.5 + 0.5) if alike else 1))
+    group = group_of(best["family"])
+    alike = [share for family, share in taught.items() if group_of(family) == group]
+    others = [share for family, share in taught.items() if group_of(family) != group]
+    # Six failures on the object count half for the group; the prior counts half a trial.
+    assert max(alike) < min(others) / 4
+    assert max(others) < max(untaught.values()) / 2  # grasps of other families are like them, too
 
 
 def _ranks(here: Any, name: str, gripper: str) -> dict[str, float]:
