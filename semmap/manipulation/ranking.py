@@ -64,22 +64,25 @@ class _Level:
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
-    """What grasps of an object are measured by: its solid at `pose` (4, 4), and the gripper.
+class ShapeModel:
+    """What outcomes on solids of one kind teach of grasps of an object by a gripper.
 
-    `pose` is in the frame of the model; `opening` and `depth` are metres.
+    `pose` (4, 4) is the solid in the frame of the object; `opening` and `depth` of the gripper are
+    metres.
     """
 
     solid: ConvexSolid
     pose: Floats
     opening: float
     depth: float
+    model: GraspModel
 
-    def features(self, poses: Floats, widths: Floats) -> Floats:
-        """`grasp_features` of grasps at (N, 4, 4) in the frame of the model."""
+    def expected(self, poses: Floats, widths: Floats, qualities: Floats) -> Floats:
+        """(N,) the expected shares of successes of grasps, (N, 4, 4) in the object's frame."""
         in_shape = np.linalg.inv(self.pose) @ poses
         up = self.pose[2, :3]
-        return grasp_features(self.solid, up, in_shape, widths, self.opening, self.depth)
+        features = grasp_features(self.solid, up, in_shape, widths, self.opening, self.depth)
+        return self.model.expected(features, qualities)
 
 
 @dataclass(eq=False)
@@ -88,15 +91,14 @@ class Evidence:
 
     `shifts` are those that succeeded on similar shapes, by group, with their weights: (4,) x, y, z
     in the frame of the shape, and the part of those that only reach further, along the approach; as
-    shares of the shape's largest size. `model` is learned from all of both, by `scale`; None where
-    there is no outcome of a grasp, or no shape.
+    shares of the shape's largest size. `by_geometry` is learned from all of both; None where there
+    is no outcome of a grasp, or no shape.
     """
 
     alike: _Level = field(default_factory=_Level)
     own: _Level = field(default_factory=_Level)
     shifts: dict[str, list[tuple[Floats, float]]] = field(default_factory=dict)
-    scale: Scale | None = None
-    model: GraspModel | None = None
+    by_geometry: ShapeModel | None = None
 
     def add(
         self,
@@ -117,15 +119,6 @@ class Evidence:
         part = np.append(place, 0.0 if aside else shift[2]) / extent
         if np.linalg.norm(part) <= 1:
             self.shifts.setdefault(group, []).append((part, outcomes.successes))
-
-    def by_geometry(self, poses: Floats, widths: Floats, qualities: Floats) -> Floats | None:
-        """What outcomes of all grasps of such shapes let expect of N; None where there is none.
-
-        Poses (N, 4, 4) are in the frame of the model, widths metres.
-        """
-        if self.model is None or self.scale is None:
-            return None
-        return self.model.expected(self.scale.features(poses, widths), qualities)
 
     def by_family(self, family: str, quality: float, moved: bool) -> float:
         """What outcomes of the family on similar shapes let expect."""
@@ -178,9 +171,8 @@ def evidence_on(session: Session, object_id: int, gripper: str, kind: str = "gra
             extent = None if one.size is None else max(one.size)
             done = Tally(one.attempts, one.successes)
             found.add(one.family, one.own, done, one.shift, pose, extent)
-    if kind == "grasp" and outcomes:
-        found.scale = _scale(session, object_id, gripper)
-        found.model = _model(outcomes, found.scale)
+    if kind == "grasp":
+        found.by_geometry = _shape_model(session, object_id, gripper, outcomes)
     return found
 
 
@@ -201,25 +193,17 @@ class _Outcome(NamedTuple):
     depth: float
 
 
-def _scale(session: Session, object_id: int, gripper: str) -> Scale | None:
-    shape = read_shape(session, object_id)
+def _shape_model(
+    session: Session, object_id: int, gripper: str, outcomes: Sequence[_Outcome]
+) -> ShapeModel | None:
+    known = [one for one in outcomes if one.pose is not None and one.width is not None]
+    shape = read_shape(session, object_id) if known else None
     if shape is None:
         return None
-    ((opening, depth),) = session.execute(
-        "SELECT opening, depth FROM gripper WHERE device_id = gripper_named(%s)", (gripper,)
-    ).fetchall()
-    solid = solid_of(shape["shape"], shape["size"])
-    return Scale(solid, shape["shape_pose"].matrix, opening, depth)
-
-
-def _model(outcomes: Sequence[_Outcome], scale: Scale | None) -> GraspModel | None:
-    """What outcomes on shapes of the kind of `scale` teach; None where there is none."""
-    known = [one for one in outcomes if one.pose is not None and one.width is not None]
-    if scale is None or not known:
-        return None
+    kind = shape["shape"]
     features = [
         grasp_features(
-            solid_of(scale.solid.kind, one.size or ()),
+            solid_of(kind, one.size or ()),
             np.array(one.up),
             Pose(*one.pose or ()).matrix[None],
             np.array([one.width]),
@@ -232,7 +216,12 @@ def _model(outcomes: Sequence[_Outcome], scale: Scale | None) -> GraspModel | No
         np.array([getattr(one, name) for one in known])
         for name in ("quality", "attempts", "successes")
     )
-    return GraspModel.learn(np.concatenate(features), qualities, attempts, successes)
+    model = GraspModel.learn(np.concatenate(features), qualities, attempts, successes)
+    ((opening, depth),) = session.execute(
+        "SELECT opening, depth FROM gripper WHERE device_id = gripper_named(%s)", (gripper,)
+    ).fetchall()
+    solid = solid_of(kind, shape["size"])
+    return ShapeModel(solid, shape["shape_pose"].matrix, opening, depth, model)
 
 
 def ranked(
@@ -281,12 +270,12 @@ def _by_geometry(evidence: Evidence, rows: Sequence[dict[str, Any]]) -> Sequence
     found: list[float | None] = [None] * len(rows)
     # the pose of a linked model's grasp is in the frame of another model
     own = [i for i, row in enumerate(rows) if row["width"] is not None and not row.get("link")]
-    if own and evidence.model is not None:
+    if own and evidence.by_geometry is not None:
         poses = np.array([rows[i]["model_pose"].matrix for i in own])
         widths = np.array([rows[i]["width"] for i in own])
         qualities = np.array([_quality(rows[i]) for i in own])
-        shares = evidence.by_geometry(poses, widths, qualities)
-        for i, share in zip(own, () if shares is None else shares.tolist(), strict=True):
+        shares = evidence.by_geometry.expected(poses, widths, qualities)
+        for i, share in zip(own, shares.tolist(), strict=True):
             found[i] = share
     return found
 

@@ -69,8 +69,8 @@ def test_a_gripper_of_another_form_teaches_nothing(kitchen: Map) -> None:
     teach(kitchen, "allegro")
     assert grasps(kitchen, name, "pr2") == before
     (number,) = {row["object_id"] for row in before}
-    assert evidence_on(kitchen.connection, number, "pr2").model is None
-    assert evidence_on(kitchen.connection, number, "allegro").model is not None
+    assert evidence_on(kitchen.connection, number, "pr2").by_geometry is None
+    assert evidence_on(kitchen.connection, number, "allegro").by_geometry is not None
 
 
 def test_the_less_alike_grippers_are_the_less_outcomes_count(kitchen: Map) -> None:
