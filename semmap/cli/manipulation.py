@@ -44,7 +44,7 @@ def grasp_command(
     semmap grasp --shape cylinder=0.03,0.1; semmap grasp --cloud scan.ply --at 0.1,0.2,0.75
     """
     if cloud is not None:
-        if call.values.get("at") is None:
+        if call.values.get("at") is None or shape is not None:
             raise typer.BadParameter("--cloud goes with --at: a point on the object")
         names = _alone(call, "--cloud", "at", "tolerance", "gripper", "limit")
         given = {key: call.texts[key] for key in names} | {"at": call.values["at"]}
@@ -84,7 +84,8 @@ def push_command(call: MethodCall, json_: Json = False) -> None:
 
 def _alone(call: MethodCall, option: str, *names: str) -> tuple[str, ...]:
     """The options that go with one for an unknown object; BadParameter if others are given."""
-    if any(read for key, read in call.texts.items() if key not in (*names, "kind")):
+    others = call.texts | {"kind": call.texts["kind"] != "grasp"}  # which is the default
+    if any(read for key, read in others.items() if key not in names):
         *first, last = (f"--{name}" for name in names)
         raise typer.BadParameter(f"{option} goes with {', '.join(first)} and {last}")
     return names

@@ -347,7 +347,7 @@ def _contacts(
 def quality_of(
     gripper: Gripper, friction_left: Floats, on_object: Floats, centring: Floats, width: Floats
 ) -> Floats:
-    """The geometric mean of three shares and of the room beside the object; 0 for what fits not."""
+    """The geometric mean of three shares and of the room beside the object; 0 for no fit."""
     gap = gripper.opening - width
     fits = (gap >= CLEARANCE) & (width > gripper.widths[-1] + 1e-3)
     shares = np.clip(np.stack([friction_left, on_object, centring, gap / ROOM]), 0, 1)

@@ -126,7 +126,7 @@ def free_grasps(
     if len(near) >= len(obstacles) / 4:
         near = obstacles  # which FCL has prepared for searches, or prepares once
     there = [near] if item is None else [near, item]
-    moved = [k for k in links if any(gripper.links[k] in f for f in gripper.fingers)]
+    moved = [k for k in links if (gripper.poses[0, k] != gripper.poses[-1, k]).any()]
     free = np.ones(len(grasps), bool)
     for i, pose in enumerate(poses):
         way = [swept_link(gripper, 0, link, back[i]) for link in links]

@@ -49,8 +49,8 @@ SLICE = 0.01
 WEDGE = 0.8
 """Radians to which a jaw opens: two pads that friction of 0.5 holds on are within 0.93."""
 
-BESIDE = 0.008
-"""Metres that a jaw which does not move keeps from the object until the other one has closed."""
+BESIDE = 0.004
+"""Metres by which the moving jaw brings an object to the other one, which first is beside it."""
 
 MEETS = 0.02
 """Metres within which the ends of two jaws are that meet."""
@@ -77,10 +77,10 @@ class Gripper:
     Objects thicker than `depth`, metres from palm to pads, touch the palm. `spread` (P,) are
     offsets along y of the fingers on the side of +x, a single 0 where two oppose each other. A
     symmetric one may turn by half about the approach. `poses` (S, L, 4, 4) are those of all
-    `links`, the rigid ones first, in the grasp frame; `hulls` are corners (N, 3) in the frames of
-    the links, of which one with a jaw has several. `up` (3,) is the vertical in the grasp frame
-    where no joint of the arm tilts the gripper, else None. Where only one jaw moves, the middle
-    between the pads moves along x: by `aside` (S,) metres, less what the other jaw keeps away.
+    `links`, the rigid ones first, in the grasp frame; `hulls` are their corners (N, 3) in the
+    frames of the links. A link that is a jaw is there once for each of its slices. `up` (3,) is the
+    vertical in the grasp frame where no joint of the arm tilts the gripper, else None. Where only
+    one jaw moves, the middle between the pads moves along x by `aside` (S,) metres.
     """
 
     name: str
@@ -112,9 +112,13 @@ class Gripper:
         return float(self.widths[0])
 
     def pads_at(self, widths: Floats) -> Floats:
-        """(N, 3) where what is held is in the grasp frame, at widths (N,) between the pads."""
+        """(N, 3) where the middle of an object of widths (N,) is in the grasp frame, to be held.
+
+        One jaw that moves brings it up to `BESIDE` further, to the other one.
+        """
+        aside = np.sign(self.aside) * np.maximum(np.abs(self.aside) - BESIDE, 0)
         found = np.zeros((len(widths), 3))
-        for axis, series in ((0, self.aside), (2, self.reaches)):
+        for axis, series in ((0, aside), (2, self.reaches)):
             found[:, axis] = np.interp(-widths, -self.widths, series)
         return found
 
@@ -193,7 +197,7 @@ def _search(robot: Robot, palms: Sequence[str] | None) -> tuple[list[Gripper], l
     """The grippers of a robot, those with a jaw if there is no other; and why palms have none."""
     tree = _Tree(robot)
     found: list[Gripper] = []
-    problems = []
+    problems: list[str] = []
     for palm, made in (*((p, _gripper) for p in tree.palms()), *((p, _jaw) for p in tree.jaws())):
         if made is _jaw and found:
             break
@@ -201,14 +205,15 @@ def _search(robot: Robot, palms: Sequence[str] | None) -> tuple[list[Gripper], l
             try:
                 found.append(made(robot, tree, palm))
             except ManipulationError as error:
-                problems += [f"{palm}: {error}"] if made is _gripper else []
+                if made is _gripper or palms is not None or not problems:
+                    problems.append(f"{palm}: {error}")
     if len(found) > 1:
         found = [replace(each, name=f"{robot.name}/{each.palm}") for each in found]
     return found, problems
 
 
 def _fixed_fingers(robot: Robot) -> list[str]:
-    """What links are that are named as fingers and do not move."""
+    """A text about links that are named as fingers and do not move."""
     fixed = [j.child for j in robot.joints if not j.moves and "finger" in j.child.lower()]
     return [f"{', '.join(fixed[:3])} do not move"] if fixed else []
 
@@ -408,13 +413,13 @@ def _measured(
     links, fixed = rigid + moved, [placed_at[link] for link in rigid]
     poses_all = np.array([[*fixed, *(inverse @ poses[k] for k in moved)] for poses in placed])
     between = opened_at.width / (4 if one_jaw else 2)
-    front = _front(robot, rigid, poses_all[0], between)
+    each, first_of = np.unique(rigid, return_index=True)
+    front = _front(robot, each.tolist(), poses_all[0][first_of], between)
     beside = np.array(opened_at.across)[np.array(sides) > 0] - middle_y
     series = np.maximum([m.width for m in measured], 0.0)
     aside = np.zeros(len(series))
     if one_jaw:  # the moving jaw brings the object to the other one
-        left = (series[0] - series) / 2
-        aside = sides[0] * np.maximum(left - BESIDE, 0)
+        aside = sides[0] * (series[0] - series) / 2
     return Gripper(
         robot.name,
         "multi-finger" if hand else "parallel",

@@ -93,6 +93,7 @@ def push_candidates(
         pose[:3, 0] = [-along[1], along[0], 0]
         pose[:3, 1] = np.cross(pose[:3, 2], pose[:3, 0])
         pose[:3, 3] = [*(contact - tip * along), level]
+        pose[:3, 3] -= gripper.aside[-1] * pose[:3, 0]
         end, before = pose.copy(), pose.copy()
         end[:2, 3] += distance * along
         before[:2, 3] -= SAFETY * along

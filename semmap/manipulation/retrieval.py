@@ -6,13 +6,14 @@ IV-B: the Action Generator works where the knowledge base has nothing).
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import trimesh
 
 from semmap.belief.store.beliefs import Session
@@ -25,18 +26,17 @@ from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import STORED, actions_on, entities_meant
 from semmap.manipulation.solids import PrimitiveShape
-from semmap.manipulation.steadiness import LEAST, steadiness, unsteady
+from semmap.manipulation.steadiness import steady_rows, unsteady
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
 from semmap.manipulation.store.model_shapes import (
-    StoredShape,
     mesh_shape,
     model_mesh,
     shape_of,
     stored_shape,
 )
 from semmap.manipulation.suitability import reasons_against
-from semmap.manipulation.surface_grasps import mesh_grasps
+from semmap.manipulation.surface_grasps import EXACT, mesh_grasps
 from semmap.manipulation.surroundings import Surroundings, enclosure_of, entity_pose
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
@@ -96,7 +96,10 @@ def find_grasps(
     problems += excluded.values()
     if _move_alike(seen.session, [row for row in rows if row["link"] is None], chosen):
         rows, _ = stored()
-    rows = _steady(seen, _ranked(seen.session, rows, chosen), chosen, problems)
+    hand = None
+    with suppress(ManipulationError):  # its URDF is not on this machine
+        hand = stored_gripper(seen.session, chosen)
+    rows = _steady(seen, _ranked(seen.session, rows, chosen), hand, problems)
     if not check:
         rows = rows[:limit]
     elif rows:
@@ -138,10 +141,9 @@ def known_grasps(
         rows = actions_on(seen, name=entity, gripper=name, limit=STORED)
         rows = [row for row in fitting_rows(seen, rows)[0] if row["entity"] == entity]
         if rows:
-            return rows
+            return _steady(seen, rows, gripper, [])
     stands = entity_pose(seen, entity).matrix
     known = shape or mesh_shape(seen, entity)
-    found = model_grasps(seen, entity, known, gripper)
     rows = [
         {
             "entity": entity,
@@ -153,37 +155,41 @@ def known_grasps(
             "width": grasp.width,
             "expected": grasp.quality,
             "successes": 0,
+            "shift": None,
         }
-        for grasp in found
+        for grasp in model_grasps(seen, entity, known, gripper)
     ]
-    steady = steadiness(rows, known, gripper)
-    return [row for row, share in zip(rows, steady, strict=True) if share >= LEAST]
+    return steady_rows(rows, known, gripper)
 
 
 def model_grasps(seen: Snapshot, entity: str, shape: PrimitiveShape, gripper: Gripper) -> Grasps:
     """The grasps of an entity's mesh (`mesh_grasps`), or of its shape where it has no mesh."""
+    if shape.inliers >= EXACT and len(found := grasp_candidates(shape, gripper)):
+        return found
     try:
         mesh = model_mesh(seen, entity)
     except ManipulationError:
         return grasp_candidates(shape, gripper)
-    stands = shape.pose.tobytes()
-    return _grasps(mesh.triangles.tobytes(), shape.kind, shape.size, stands, shape.inliers, gripper)
+    digest = hashlib.sha256(mesh.triangles.tobytes() + shape.pose.tobytes()).digest()
+    return _grasps(_Model(digest, shape.kind, shape.size, gripper, mesh, shape))
 
 
-@lru_cache(maxsize=64)
-def _grasps(
-    triangles: bytes,
-    kind: str,
-    size: tuple[float, ...],
-    pose: bytes,
-    inliers: float,
-    gripper: Gripper,
-) -> Grasps:
+@dataclass(frozen=True)
+class _Model:
+    """What the grasps of a mesh depend on: the first four are all that tells two apart."""
+
+    digest: bytes
+    kind: str
+    size: tuple[float, ...]
+    gripper: Gripper
+    mesh: trimesh.Trimesh = field(compare=False)
+    shape: PrimitiveShape = field(compare=False)
+
+
+@lru_cache(maxsize=16)
+def _grasps(of: _Model) -> Grasps:
     """The grasps of a mesh, kept: plans ask for them again and again."""
-    corners = np.frombuffer(triangles).reshape(-1, 3)
-    mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))
-    shape = StoredShape(kind, size, np.frombuffer(pose).reshape(4, 4), inliers)
-    return mesh_grasps(mesh, shape, gripper)
+    return mesh_grasps(of.mesh, of.shape, of.gripper)
 
 
 HAS_GRIPPER = "SELECT 1 FROM gripper g JOIN device d ON d.id = g.device_id WHERE d.name = %s"
@@ -207,25 +213,14 @@ def _ranked(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> list[
 
 
 def _steady(
-    seen: Snapshot, rows: Sequence[dict[str, Any]], gripper: str, problems: list[str]
+    seen: Snapshot, rows: Sequence[dict[str, Any]], gripper: Gripper | None, problems: list[str]
 ) -> list[dict[str, Any]]:
-    """Rows by how steadily they hold the objects as they stand, too; what succeeded is kept."""
-    hand = None
-    with suppress(ManipulationError):
-        hand = stored_gripper(seen.session, gripper)
+    """Rows of stored grasps by how steadily they hold the objects as they stand, too."""
     found = []
     for number in dict.fromkeys(row["object_id"] for row in rows):
         some = [row for row in rows if row["object_id"] == number]
         shape = None if some[0]["link"] is not None else stored_shape(seen.session, number)
-        if shape is None:
-            found += some
-            continue
-        steady = []
-        for row, share in zip(some, steadiness(some, shape, hand), strict=True):
-            if row["attempts"] or row["shift"] is not None:
-                steady.append(row)  # outcomes say more: where it is heavy
-            elif share >= LEAST:
-                steady.append(row | {"expected": row["expected"] * share})
+        steady = some if shape is None else steady_rows(some, shape, gripper)
         if not steady:
             names = ", ".join(dict.fromkeys(row["entity"] for row in some))
             problems.append(unsteady(names, len(some)))

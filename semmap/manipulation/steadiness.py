@@ -48,6 +48,23 @@ def steadiness(
     return share
 
 
+def steady_rows(
+    rows: Sequence[dict[str, Any]], shape: PrimitiveShape, gripper: Gripper | None = None
+) -> list[dict[str, Any]]:
+    """Rows that hold the object as it stands, with their `expected` times the steadiness.
+
+    Those that succeeded, or that trial and error moved, stay as they are: the object may be heavy
+    at one end.
+    """
+    found = []
+    for row, share in zip(rows, steadiness(rows, shape, gripper), strict=True):
+        if row["successes"] or row["shift"] is not None:
+            found.append(row)
+        elif share >= LEAST:
+            found.append(row | {"expected": row["expected"] * float(share)})
+    return found
+
+
 def unsteady(entity: str, grasps: int) -> str:
     """Why none of an entity's grasps holds it."""
     return (

@@ -51,9 +51,9 @@ LATERAL = 0.5
 """The cosine between pad and surface below which the pad does not touch it: a wall beside it."""
 
 CELLS = 5
-"""Cells of a pad along each of its sides, which are in contact or not."""
+"""The most cells of a pad along each of its sides, which are in contact or not."""
 
-OF_HANDS = 40
+OF_HANDS = 16
 """Pairs at which all fingers of a hand are looked at, one by one."""
 
 COARSE = 500
@@ -73,7 +73,7 @@ ALIKE = 0.01
 
 
 NOTHING = Obstacles(np.empty((0, 3, 3)))
-"""An object alone is looked at."""
+"""What is around an object is not known yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +88,14 @@ class Surface:
     def tree(self) -> cKDTree:
         """The points, to be sought by place."""
         return cKDTree(self.points)
+
+    @cached_property
+    def cells(self) -> int:
+        """Cells along a side of a pad, of which each has points where the surface is: 1 to 5."""
+        some = self.points[:: max(1, len(self.points) // COARSE)]
+        near = self.tree.query(some, min(2, len(self.points)))[0].reshape(len(some), -1)[:, -1]
+        apart = 2 * float(np.median(near))  # of points at random, the nearest is half as far
+        return int(np.clip(PAD / max(1.4 * apart, 1e-6), 1, CELLS))
 
     @cached_property
     def radius(self) -> float:
@@ -118,6 +126,7 @@ def mesh_grasps(
     centre = solid_hull(np.asarray(mesh.vertices)[np.unique(mesh.faces)])[1]
     surface = surface_of(mesh, centre)
     judged = held_by(surface, of_shape, options.get("friction", FRICTION))
+    judged = _free(judged, Obstacles(mesh.triangles))
     return Grasps.joined(
         [judged, surface_grasps(surface, gripper, mesh.triangles, frame=shape.pose, **options)]
     )
@@ -153,7 +162,7 @@ def surface_grasps(
     middles, axes = _pairs(surface, gripper.opening, friction)
     if len(gripper.spread) > 1:  # the fingers of a hand matter at each approach: fewer pairs
         middles, axes = _best_pairs(surface, gripper, middles, axes, friction)
-    turned = [_approaches(axis, gripper, frame) for axis in axes]
+    turned = [_approaches(axis, gripper) for axis in axes]
     pair = np.repeat(np.arange(len(turned)), [len(each[0]) for each in turned])
     x, z = (np.concatenate([np.empty((0, 3)), *(each[i] for each in turned)]) for i in (0, 1))
     rotations, targets = np.stack([x, np.cross(z, x), z], axis=2), middles[pair]
@@ -169,7 +178,7 @@ def surface_grasps(
     order = np.argsort(-made[2], kind="stable")
     order = order[made[2][order] > 0]
     rotations, targets, quality, width = (column[order] for column in made)
-    chosen = _from_all_sides(rotations, targets)
+    chosen = _from_all_sides(rotations, targets, gripper.is_symmetric)
     poses = _poses(gripper, rotations[chosen], targets[chosen], width[chosen])
     before = poses.copy()
     before[:, :3, 3] -= distance * poses[:, :3, 2]
@@ -177,10 +186,7 @@ def surface_grasps(
     kind = np.full(len(chosen), "part")
     names, families = grasp_names(frame[:3, :3].T @ poses[:, :3, :3], none, kind, "xyz")
     found = Grasps(gripper, poses, before, width[chosen], quality[chosen], names, families)
-    item = Obstacles(triangles)
-    found = found[_first_free(found, item)]
-    found = replace(found, qualities=found.qualities * _room(found, item))
-    return found[np.argsort(-found.qualities, kind="stable")]
+    return _free(found, Obstacles(triangles))
 
 
 def held_by(surface: Surface, grasps: Grasps, friction: float = FRICTION) -> Grasps:
@@ -225,8 +231,8 @@ def _pairs(surface: Surface, opening: float, friction: float) -> tuple[Floats, F
     chosen = random.choice(len(points), min(SEEDS, len(points)), replace=False)
     cone = np.cos(np.arctan(friction))
     middles, axes = [np.empty((0, 3))], [np.empty((0, 3))]
-    for i, near in zip(chosen, surface.tree.query_ball_point(points[chosen], opening), strict=True):
-        others = np.array(near)
+    for i in chosen:
+        others = np.array(surface.tree.query_ball_point(points[i], opening))
         line = points[others] - points[i]
         apart = np.linalg.norm(line, axis=1)
         far = apart > SPACING / 2
@@ -263,31 +269,52 @@ def _best_pairs(
     return middles[best], axes[best]
 
 
-def _approaches(axis: Floats, gripper: Gripper, frame: Floats) -> tuple[Floats, Floats]:
+def _approaches(axis: Floats, gripper: Gripper) -> tuple[Floats, Floats]:
     """Closing axes and approaches (N, 3), all around an axis of a pair.
 
-    A gripper that its arm cannot tilt comes at its slant, to an object that stands as its shape.
+    A gripper that its arm cannot tilt comes at its slant, to an object that stands as its model or
+    upside down.
     """
-    up = frame[:3, 2]
-    if gripper.up is not None:
-        axis = axis - (axis @ up - gripper.up[0]) * up
-        axis = axis / np.linalg.norm(axis)
-    side = np.cross(axis, up if abs(axis @ up) < 0.9 else frame[:3, 0])
-    side /= np.linalg.norm(side)
+    if gripper.up is None:
+        x, z = _around(axis)
+    else:
+        x, z = (np.concatenate(each) for each in zip(*_slanted(axis, gripper.up), strict=True))
+        return x, z
+    if gripper.is_symmetric:
+        return x, z
+    return np.concatenate([x, -x]), np.concatenate([z, z])
+
+
+def _around(axis: Floats) -> tuple[Floats, Floats]:
+    """A closing axis, and approaches (N, 3) at all angles about it."""
+    side = np.linalg.svd(axis[None])[2][1]
     other = np.cross(axis, side)
     angle = np.linspace(0, 2 * np.pi, 2 * (ANGLES - 1), endpoint=False)
-    if gripper.up is not None:  # its z is given: two angles have it
-        lift = np.arcsin(np.clip(gripper.up[2] / max(abs(other @ up), 1e-9), -1, 1))
-        angle = np.array([lift, np.pi - lift]) * np.sign(other @ up)
-    z = np.outer(np.cos(angle), side) + np.outer(np.sin(angle), other)
-    x = np.tile(axis, (len(z), 1))
-    if gripper.up is not None or not gripper.is_symmetric:
-        x, z = np.concatenate([x, -x]), np.concatenate([z, z])
-    if gripper.up is not None:
-        in_grasp = np.stack([x @ up, np.cross(z, x) @ up, z @ up], axis=1)
-        level = np.abs(in_grasp - gripper.up).max(axis=1) < TILT
-        x, z = x[level], z[level]
-    return x, z
+    return np.tile(axis, (len(angle), 1)), np.outer(np.cos(angle), side) + np.outer(
+        np.sin(angle), other
+    )
+
+
+def _slanted(axis: Floats, tilt: Floats) -> list[tuple[Floats, Floats]]:
+    """The same where `tilt` (3,) is the vertical in the grasp frame: level closing axes."""
+    found = [(np.empty((0, 3)), np.empty((0, 3)))]
+    for up in ((0.0, 0, 1), (0.0, 0, -1)):
+        vertical = np.array(up)
+        level = axis - (axis @ vertical - tilt[0]) * vertical
+        length = float(np.linalg.norm(level))
+        if length < LATERAL:  # the pair is one above the other
+            continue
+        x = level / length
+        side = np.cross(vertical, x)
+        for sign in (1, -1):
+            for way in (1, -1):
+                z = tilt[2] * vertical + way * np.sqrt(max(0.0, 1 - tilt[2] ** 2)) * side
+                made = np.array(
+                    [sign * x @ vertical, np.cross(z, sign * x) @ vertical, z @ vertical]
+                )
+                if np.abs(made - tilt).max() < TILT:
+                    found.append(((sign * x)[None], z[None]))
+    return found
 
 
 def _contacts(
@@ -295,11 +322,13 @@ def _contacts(
 ) -> Floats:
     """(N, 3): metres by which targets are moved along x, widths and qualities, 0 for none."""
     found = np.zeros((len(targets), 3))
-    half = gripper.opening / 2
+    half, fine = gripper.opening / 2, surface.cells
     pads = [(-1, 0.0), *((1, float(y)) for y in gripper.spread)]
     reach = np.hypot(half, max(abs(y) for _, y in pads) + PAD / 2)
-    near = surface.tree.query_ball_point(targets, reach)
-    for i, (rotation, target, some) in enumerate(zip(rotations, targets, near, strict=True)):
+    last, some = np.full(3, np.nan), []  # type: Floats, list[int]
+    for i, (rotation, target) in enumerate(zip(rotations, targets, strict=True)):
+        if (target != last).any():  # the same for all approaches to a pair
+            last, some = target, surface.tree.query_ball_point(target, reach)
         at = (surface.points[some] - target) @ rotation
         facing = np.abs(surface.normals[some] @ rotation[:, 0])
         ends, angles, covers = {-1: [], 1: []}, [], []  # type: dict[int, list[float]], list[float], list[float]
@@ -316,8 +345,8 @@ def _contacts(
             pressed = facing[layer] * (1 - depth[layer] / LAYER)  # by the area that the pad sees
             total = pressed.sum()
             angles.append(float(np.arccos(min(1, pressed @ facing[layer] / total))) if total else 9)
-            cells = np.floor((at[layer, 1:] - [y, 0]) / PAD * CELLS + CELLS / 2).astype(int)
-            covers.append(len(np.unique(cells, axis=0)) / DISC)
+            cells = np.floor((at[layer, 1:] - [y, 0]) / PAD * fine + fine / 2).astype(int)
+            covers.append(len(np.unique(cells, axis=0)) / max(1, np.pi / 4 * fine**2))
         if not (ends[-1] and ends[1]):
             continue
         left, right = max(ends[-1]), max(ends[1])
@@ -351,14 +380,13 @@ def _room_before_palm(
     return share
 
 
-DISC = np.pi / 4 * CELLS**2
-"""Cells of a pad that is a disc."""
-
-
-def _from_all_sides(rotations: Floats, targets: Floats) -> NDArray[np.intp]:
+def _from_all_sides(rotations: Floats, targets: Floats, is_symmetric: bool) -> NDArray[np.intp]:
     """Grasps that are not much alike: first the best of each direction, then the next of each."""
     closing, approach = rotations[:, :, 0], rotations[:, :, 2]
-    key = np.concatenate([targets / ALIKE, closing * 3, approach * 3], axis=1).round()
+    either = closing  # half a turn of a symmetric gripper is the same grasp
+    if is_symmetric:
+        either = np.einsum("ni,nj->nij", closing, closing).reshape(-1, 9)
+    key = np.concatenate([targets / ALIKE, either * 3, approach * 3], axis=1).round()
     unlike = np.sort(np.unique(key, axis=0, return_index=True)[1])
     side = np.concatenate([np.abs(closing[unlike]), approach[unlike]], axis=1).round()
     group = np.unique(side, axis=0, return_inverse=True)[1].ravel()
@@ -370,8 +398,15 @@ def _from_all_sides(rotations: Floats, targets: Floats) -> NDArray[np.intp]:
     return unlike[np.argsort(turn, kind="stable")]
 
 
+def _free(grasps: Grasps, item: Obstacles) -> Grasps:
+    """The first `KEPT` grasps that are free of the object, with less quality for little room."""
+    found = grasps[_first_free(grasps, item)]
+    found = replace(found, qualities=found.qualities * _room(found, item))
+    return found[np.argsort(-found.qualities, kind="stable")]
+
+
 def _room(grasps: Grasps, item: Obstacles) -> Floats:
-    """(N,) a share of 1/4 to 1: how many of `SHIFTS` leave the open gripper free of the object."""
+    """(N,) a share of 1/5 to 1: how many of `SHIFTS` leave the open gripper free of the object."""
     free = np.zeros(len(grasps))
     for shift in SHIFTS:
         move = np.einsum("nij,j->ni", grasps.poses[:, :3, :3], np.array(shift))

@@ -27,10 +27,11 @@ from semmap.manipulation.retrieval import (
     gripper_or_urdf,
     is_urdf,
     misfit,
+    slanting,
     stored_gripper,
     usual_gripper,
 )
-from semmap.manipulation.steadiness import LEAST, steadiness
+from semmap.manipulation.steadiness import steady_rows, unsteady
 from semmap.manipulation.store.model_shapes import StoredShape
 from semmap.manipulation.surface_grasps import Surface, surface_grasps
 
@@ -138,19 +139,19 @@ def grasps_in_cloud(
     )
     if not len(found):
         return FoundActions([], [misfit("the object", shape, name, held.opening)])
-    free = free_grasps(
-        found, np.eye(4), Obstacles(np.concatenate([table, below])), item=Obstacles(item)
-    )
-    rows = _rows("the object", found[np.flatnonzero(free)])
-    steady = steadiness([row | {"model_pose": row["pose"]} for row in rows], shape, held)
-    rows = [
-        row | {"expected": row["expected"] * share}
-        for row, share in zip(rows, steady, strict=True)
-        if share >= LEAST
-    ]
-    rows.sort(key=lambda row: -row["expected"])
-    problems = [] if rows else [f"at all {len(found)} grasps, the gripper touches what is around"]
-    return FoundActions(rows[:limit], problems, [f"{shape.kind} at {_text(centre)}"])
+    level = found[np.flatnonzero([held.can_tilt_to(pose) for pose in found.poses])]
+    if not len(level):
+        return FoundActions([], [slanting("the object", len(found), name)])
+    around = Obstacles(np.concatenate([table, below]))
+    free = level[np.flatnonzero(free_grasps(level, np.eye(4), around, item=Obstacles(item)))]
+    if not len(free):
+        why = f"the object: at all {len(level)} grasps, the gripper touches what is beside it"
+        return FoundActions([], [why])
+    rows = [row | {"model_pose": row["pose"]} for row in _rows("the object", free)]
+    steady = sorted(steady_rows(rows, shape, held), key=lambda row: -row["expected"])
+    if not steady:
+        return FoundActions([], [unsteady("the object", len(rows))])
+    return FoundActions(steady[:limit], generated=[f"{shape.kind} at {_text(centre)}"])
 
 
 def _gripper(session: Session, name: str | None) -> tuple[str, Gripper]:
@@ -161,7 +162,7 @@ def _gripper(session: Session, name: str | None) -> tuple[str, Gripper]:
 
 
 def _rows(entity: str, grasps: Grasps, limit: int | None = None) -> list[dict[str, Any]]:
-    """Rows with the keys of `actions_by_shape`, of grasps that are not stored."""
+    """Rows with the keys of stored grasps, of grasps that are not stored and that nobody tried."""
     return [
         {
             "entity": entity,
@@ -173,6 +174,10 @@ def _rows(entity: str, grasps: Grasps, limit: int | None = None) -> list[dict[st
             "pose": Pose.from_matrix(grasp.pose),
             "pre_pose": Pose.from_matrix(grasp.pre_grasp),
             "post_pose": None,
+            "attempts": 0,
+            "successes": 0,
+            "contributor": None,
+            "shift": None,
             "width": grasp.width,
             "posture": grasp.posture,
             "pre_posture": grasp.pre_posture,

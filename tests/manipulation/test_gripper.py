@@ -108,9 +108,9 @@ def test_a_jaw_that_closes_on_a_fixed_one(tmp_path):
     assert gripper.depth == pytest.approx(0.07, abs=2e-3)
     np.testing.assert_allclose(gripper.frame[:3, 3], [0, 0, 0.07], atol=1e-3)
     np.testing.assert_allclose(gripper.frame[:3, 2], [0, 0, 1], atol=1e-9)
-    # A thing of 2 cm is taken 8 mm beside the fixed jaw, at x = -0.025 + 0.008 + 0.01.
+    # A thing of 2 cm is taken 4 mm beside the fixed jaw, at x = -0.025 + 0.004 + 0.01.
     (held,) = gripper.pads_at(np.array([0.02])) @ gripper.frame[:3, :3].T + gripper.frame[:3, 3]
-    np.testing.assert_allclose(held, [-0.007, 0, 0.07], atol=1e-3)
+    np.testing.assert_allclose(held, [-0.011, 0, 0.07], atol=1e-3)
     np.testing.assert_allclose(gripper.pads_at(np.array([0.05])), 0, atol=1e-9)
     between = np.array([0.0, 0.0, 0.0])  # no hull of a slice fills the space between the jaws
     for link, pose, hull in zip(gripper.links, gripper.poses[0], gripper.hulls, strict=True):
@@ -146,6 +146,15 @@ def test_real_grippers_with_one_jaw(name, palm):
 def test_what_is_no_gripper_is_told_with_the_reason(name, why):
     with pytest.raises(ManipulationError, match=why):
         real_gripper(name)
+
+
+def test_why_a_jaw_does_not_open_is_told(tmp_path):
+    still = JAW.replace('<limit lower="0" upper="0.05" effort="20" velocity="1"/>', "")
+    with pytest.raises(ManipulationError, match="mount: nothing opens on it"):
+        read_gripper(gripper_file(tmp_path, still))
+    apart = JAW.replace('xyz="-0.02 0 0"', 'xyz="0.1 0 0"')
+    with pytest.raises(ManipulationError, match="mount: its jaws do not meet"):
+        read_gripper(gripper_file(tmp_path, apart), "mount")
 
 
 def test_no_fingers(tmp_path):

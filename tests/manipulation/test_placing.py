@@ -12,10 +12,11 @@ from semmap.geometry.mesh import box_mesh
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.gripper import read_gripper
 from semmap.manipulation.placing import place_candidates
 from semmap.manipulation.pushing import free_pushes, push_candidates
 from semmap.manipulation.solids import solid_of
-from tests.manipulation.grippers import gripper_by_hand
+from tests.manipulation.grippers import JAW, gripper_by_hand
 
 TRAY = solid_of("cuboid", (0.3, 0.1, 0.04)).mesh().vertices
 
@@ -106,3 +107,22 @@ def test_pushes_stay_on_the_table_and_meet_nothing(tmp_path):
     assert alone[0].quality == pytest.approx(1)
     near_edge = free(shapely.box(-0.5, -0.5, 0.5, 0.12), wood)
     assert all(push.direction[1] < 0.9 for push in near_edge)
+
+
+def test_closed_jaws_push_where_their_ends_are(tmp_path):
+    """The ends of one jaw that moves are at the other one when closed, not in the middle."""
+    path = tmp_path / "jaw.urdf"
+    path.write_text(JAW)
+    gripper = read_gripper(path)
+    box = solid_of("cuboid", (0.06, 0.06, 0.06)).mesh()
+    model = np.eye(4)
+    model[2, 3] = 0.03
+    ends = []
+    for pose, hull in zip(gripper.poses[-1], gripper.hulls, strict=True):
+        corners = hull @ pose[:3, :3].T + pose[:3, 3]
+        ends.append(corners[corners[:, 2] > gripper.reaches[-1]])  # above the middle of the pads
+    middle = np.concatenate(ends)[:, 0]
+    for push in push_candidates(box.vertices, model, gripper, distance=0.05):
+        aside = push.pose[:3, 0] * (middle.min() + middle.max()) / 2
+        beside = np.cross(push.direction, (push.pose[:3, 3] + aside)[:2])
+        assert abs(beside) < 0.002  # they meet the middle of the box
