@@ -99,7 +99,7 @@ def find_grasps(
     hand = None
     with suppress(ManipulationError):  # its URDF is not on this machine
         hand = stored_gripper(seen.session, chosen)
-    rows = _steady(seen, _ranked(seen.session, rows, chosen), hand, problems)
+    rows = _ranked(seen.session, _steady(seen, rows, hand, problems), chosen)
     if not check:
         rows = rows[:limit]
     elif rows:
@@ -154,6 +154,7 @@ def known_grasps(
             "family": grasp.family,
             "width": grasp.width,
             "expected": grasp.quality,
+            "attempts": 0,
             "successes": 0,
             "shift": None,
         }
@@ -225,7 +226,7 @@ def _steady(
             names = ", ".join(dict.fromkeys(row["entity"] for row in some))
             problems.append(unsteady(names, len(some)))
         found += steady
-    return best_first(found)
+    return found
 
 
 MISSING = """

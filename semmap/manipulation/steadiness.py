@@ -51,17 +51,20 @@ def steadiness(
 def steady_rows(
     rows: Sequence[dict[str, Any]], shape: PrimitiveShape, gripper: Gripper | None = None
 ) -> list[dict[str, Any]]:
-    """Rows that hold the object as it stands, with their `expected` times the steadiness.
+    """Rows that hold the object as it stands; in `expected`, their quality is times the steadiness.
 
-    Those that succeeded, or that trial and error moved, stay as they are: the object may be heavy
-    at one end.
+    Those that trial and error moved stay as they are: the object is heavy at one end. Outcomes
+    count as before.
     """
     found = []
     for row, share in zip(rows, steadiness(rows, shape, gripper), strict=True):
-        if row["successes"] or row["shift"] is not None:
+        if row["shift"] is not None:
             found.append(row)
-        elif share >= LEAST:
-            found.append(row | {"expected": row["expected"] * float(share)})
+        elif row["successes"] or share >= LEAST:
+            attempts = row["attempts"]
+            twice_quality = row["expected"] * (attempts + 2) - row["successes"]
+            less = float(1 - share) * twice_quality / (attempts + 2)
+            found.append(row | {"expected": row["expected"] - less})
     return found
 
 

@@ -124,5 +124,6 @@ def test_closed_jaws_push_where_their_ends_are(tmp_path):
     middle = np.concatenate(ends)[:, 0]
     for push in push_candidates(box.vertices, model, gripper, distance=0.05):
         aside = push.pose[:3, 0] * (middle.min() + middle.max()) / 2
-        beside = np.cross(push.direction, (push.pose[:3, 3] + aside)[:2])
+        x, y, _ = push.pose[:3, 3] + aside
+        beside = push.direction[0] * y - push.direction[1] * x
         assert abs(beside) < 0.002  # they meet the middle of the box
