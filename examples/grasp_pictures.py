@@ -1,4 +1,4 @@
-"""Pictures of grasp candidates on the four shapes, and of real grippers at their best grasps.
+"""Pictures of grasp candidates on the four shapes and on hollow things, and of real grippers.
 
 python examples/grasp_pictures.py FOLDER
 """
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.solids import solid_of
 from semmap.manipulation.store.model_shapes import StoredShape
+from semmap.manipulation.surface_grasps import mesh_grasps
+from semmap.perception.mesh_shapes import mesh_primitive
 
 SHAPES = (
     ("cuboid", (0.05, 0.06, 0.14)),
@@ -48,11 +51,43 @@ def urdf(name: str) -> Path:
     return Path(str(next(file.locate() for file in files if str(file).endswith(end))))
 
 
+def hollow_things() -> list[trimesh.Trimesh]:
+    """A mug of 9 cm, a plate and a dumb-bell, each with its bottom at z = 0."""
+    handle = trimesh.creation.torus(0.028, 0.005)
+    handle.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
+    handle.apply_translation((0.045, 0, 0))
+    mug = trimesh.creation.cylinder(0.045, 0.1, sections=64).union(handle)
+    mug = mug.difference(_lid(0.041, 0.1, 0.004))
+    plate = trimesh.creation.cylinder(0.11, 0.016, sections=96)
+    plate = plate.difference(_lid(0.1, 0.016, 0.006))
+    bar = trimesh.creation.cylinder(0.012, 0.16)
+    for end in (-0.07, 0.07):
+        weight = trimesh.creation.cylinder(0.035, 0.03, sections=48)
+        weight.apply_translation((0, 0, end))
+        bar = bar.union(weight)
+    bar.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0)))
+    made = [mug, plate, bar]
+    for each in made:
+        each.apply_translation((0, 0, -each.bounds[0, 2]))
+    return made
+
+
+def _lid(radius: float, height: float, lift: float) -> trimesh.Trimesh:
+    """What is taken out of a cylinder."""
+    made = trimesh.creation.cylinder(radius, height, sections=96)
+    made.apply_translation((0, 0, lift))
+    return made
+
+
 def free(gripper: Gripper, kind: str, size: tuple[float, ...], standing: NDArray) -> Grasps:
     """The grasps that touch neither the table nor, before the fingers close, the object."""
-    mesh = solid_of(kind, size).mesh()
-    table = box_mesh((-1, -1, -0.05), (1, 1, 0)).triangles
     grasps = grasp_candidates(StoredShape(kind, size, np.eye(4)), gripper)
+    return untouched(grasps, solid_of(kind, size).mesh(), standing)
+
+
+def untouched(grasps: Grasps, mesh: Mesh, standing: NDArray) -> Grasps:
+    """Those of the grasps of a mesh at which the open gripper touches neither it nor the table."""
+    table = box_mesh((-1, -1, -0.05), (1, 1, 0)).triangles
     seen = mesh.triangles + standing[:3, 3]
     local = Obstacles(table + np.array([standing[0, 3], 0, 0]))
     return grasps[free_grasps(grasps, standing, local, item=Obstacles(seen))]
@@ -120,7 +155,7 @@ def _view(name: str, mesh: Mesh, colour: str) -> ObjectView:
 
 
 def main() -> None:
-    """Draw both pictures."""
+    """Draw the pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
@@ -144,9 +179,19 @@ def main() -> None:
             moved = Mesh(mesh.vertices @ at[:3, :3].T + at[:3, 3], mesh.faces)
             finger = any(link in f for f in gripper.fingers)
             hands.append((moved, "#7a8699" if finger else "#c9ced6"))
+    hollow, held = [], []
+    for i, made in enumerate(hollow_things()):
+        mesh = Mesh(np.asarray(made.vertices), np.asarray(made.faces, np.int32))
+        standing = np.eye(4)
+        standing[0, 3] = 0.3 * (i - 1)
+        hollow.append(("", Mesh(mesh.vertices + standing[:3, 3], mesh.faces)))
+        grasps = untouched(mesh_grasps(made, mesh_primitive(made), grippers[0]), mesh, standing)
+        for grasp in grasps[:: max(1, len(grasps) // SHOWN)]:
+            held.append((standing @ grasp.pose, grasp.width, grasp.quality))
     board = box_mesh((-0.5, -0.13, -0.02), (0.5, 0.13, -0.0005))
     table = [(board, "#efe9dd")]
     print(grasps_picture(objects, forks, folder / "grasps.png", others=table))
+    print(grasps_picture(hollow, held, folder / "mesh_grasps.png", others=table, elevation=35.0))
     print(grasps_picture(objects, [], folder / "grippers.png", others=[*table, *hands]))
 
 

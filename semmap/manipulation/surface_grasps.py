@@ -41,7 +41,7 @@ SPACING = 0.002
 MOST_POINTS = 60_000
 """Points on a surface; large ones have fewer to an area."""
 
-SEEDS = 400
+SEEDS = 200
 """Points from which pairs are sought."""
 
 LAYER = 0.002
@@ -159,9 +159,10 @@ def surface_grasps(
     is less where little room is left before the palm, or where a shift lets fingers touch.
     """
     frame = np.eye(4) if frame is None else frame
-    middles, axes = _pairs(surface, gripper.opening, friction)
+    middles, axes, shifts = _moved(*_pairs(surface, gripper.opening, friction))
     if len(gripper.spread) > 1:  # the fingers of a hand matter at each approach: fewer pairs
-        middles, axes = _best_pairs(surface, gripper, middles, axes, friction)
+        best = _best_pairs(surface, gripper, middles, axes, friction)
+        middles, axes, shifts = middles[best], axes[best], shifts[best]
     turned = [_approaches(axis, gripper) for axis in axes]
     pair = np.repeat(np.arange(len(turned)), [len(each[0]) for each in turned])
     x, z = (np.concatenate([np.empty((0, 3)), *(each[i] for each in turned)]) for i in (0, 1))
@@ -174,11 +175,12 @@ def surface_grasps(
         held[:, 0] *= np.sign(np.einsum("ni,ni->n", x, x[first][np.searchsorted(of_pair, pair)]))
     else:
         held = _contacts(surface, gripper, rotations, targets, friction)
+    by_ends = np.einsum("ni,ni->n", shifts[pair], z)[held[:, 2] > 0] < -PAD / 6
     made = _placed(surface, gripper, rotations, targets, held)
     order = np.argsort(-made[2], kind="stable")
     order = order[made[2][order] > 0]
     rotations, targets, quality, width = (column[order] for column in made)
-    chosen = _from_all_sides(rotations, targets, gripper.is_symmetric)
+    chosen = _from_all_sides(rotations, targets, by_ends[order], gripper.is_symmetric)
     poses = _poses(gripper, rotations[chosen], targets[chosen], width[chosen])
     before = poses.copy()
     before[:, :3, 3] -= distance * poses[:, :3, 2]
@@ -254,10 +256,21 @@ def _pairs(surface: Surface, opening: float, friction: float) -> tuple[Floats, F
     return np.concatenate(middles), np.concatenate(axes)
 
 
+def _moved(middles: Floats, axes: Floats) -> tuple[Floats, Floats, Floats]:
+    """Pairs, and each again beside its axis, by how much (N, 3): ends of pads hold a low rim."""
+    aside = np.array([np.linalg.svd(axis[None])[2][1:] for axis in axes]).reshape(-1, 2, 3)
+    ways = (
+        np.zeros_like(axes),
+        *(way * aside[:, i] for i in (0, 1) for way in (PAD / 3, -PAD / 3)),
+    )
+    shifts = np.concatenate(ways)
+    return np.tile(middles, (len(ways), 1)) + shifts, np.tile(axes, (len(ways), 1)), shifts
+
+
 def _best_pairs(
     surface: Surface, gripper: Gripper, middles: Floats, axes: Floats, friction: float
-) -> tuple[Floats, Floats]:
-    """The pairs that two pads alone would hold best."""
+) -> NDArray[np.intp]:
+    """The numbers of the pairs that two pads alone would hold best."""
     two = replace(gripper, spread=np.zeros(1))
     aside = [np.linalg.svd(axis[None])[2][1] for axis in axes]
     rotations = np.array(
@@ -265,8 +278,7 @@ def _best_pairs(
     ).reshape(-1, 3, 3)
     quality = _contacts(surface, two, rotations, middles, friction)[:, 2]
     best = np.argsort(-quality, kind="stable")[:OF_HANDS]
-    best = best[quality[best] > 0]
-    return middles[best], axes[best]
+    return best[quality[best] > 0]
 
 
 def _approaches(axis: Floats, gripper: Gripper) -> tuple[Floats, Floats]:
@@ -380,15 +392,21 @@ def _room_before_palm(
     return share
 
 
-def _from_all_sides(rotations: Floats, targets: Floats, is_symmetric: bool) -> NDArray[np.intp]:
-    """Grasps that are not much alike: first the best of each direction, then the next of each."""
+def _from_all_sides(
+    rotations: Floats, targets: Floats, by_ends: NDArray[np.bool_], is_symmetric: bool
+) -> NDArray[np.intp]:
+    """Grasps that are not much alike: first the best of each direction, then the next of each.
+
+    Those `by_ends` (N,) of the pads are a direction of their own.
+    """
     closing, approach = rotations[:, :, 0], rotations[:, :, 2]
     either = closing  # half a turn of a symmetric gripper is the same grasp
     if is_symmetric:
         either = np.einsum("ni,nj->nij", closing, closing).reshape(-1, 9)
     key = np.concatenate([targets / ALIKE, either * 3, approach * 3], axis=1).round()
     unlike = np.sort(np.unique(key, axis=0, return_index=True)[1])
-    side = np.concatenate([np.abs(closing[unlike]), approach[unlike]], axis=1).round()
+    columns = np.abs(closing), approach, by_ends[:, None]
+    side = np.concatenate(columns, axis=1)[unlike].round()
     group = np.unique(side, axis=0, return_inverse=True)[1].ravel()
     by_group = np.argsort(group, kind="stable")
     starts = np.searchsorted(group[by_group], group)

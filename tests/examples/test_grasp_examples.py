@@ -20,5 +20,5 @@ def test_the_pictures_show_grasps(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("sys.argv", ["grasp_pictures", str(tmp_path)])
     pictures.main()
     drawn = {file.name: imread(file)[..., :3] for file in tmp_path.glob("*.png")}
-    assert set(drawn) == {"grasps.png", "grippers.png"}
+    assert set(drawn) == {"grasps.png", "grippers.png", "mesh_grasps.png"}
     assert all(picture.std() > 0.02 for picture in drawn.values())

@@ -90,7 +90,7 @@ def test_rays_meet_the_surface_within_the_friction_cones_at_the_stated_width(nam
     grasps = grasps_of(mesh, gripper)
     at = ends(mesh, gripper, grasps)
     whole = np.isfinite(at).all(axis=(1, 2))
-    assert whole.mean() > 0.9  # the middle of a pad may be beside an edge
+    assert whole.mean() > 0.7  # the middle of a pad may be beside an edge
     apart = np.linalg.norm(at[whole, 0] - at[whole, 1], axis=1)
     # a pad meets the highest point of a round wall, its middle some lower one
     assert (np.abs(apart - grasps.widths[whole]) < 0.004).mean() > 0.95
