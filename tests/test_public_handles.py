@@ -76,8 +76,9 @@ WITH_SESSION = {
     },
     "semmap/manipulation/retrieval.py": {
         *("gripper_name", "gripper_or_urdf", "is_default", "register_gripper"),
-        *("stored_for_shape", "stored_gripper", "stored_usual", "usual_gripper", "usual_name"),
+        *("stored_gripper", "stored_usual", "usual_gripper", "usual_name"),
     },
+    "semmap/manipulation/unknown_objects.py": {"grasps_in_cloud", "grasps_of_shape"},
     "semmap/query/entity_query.py": {"changes_since", "entity_id", "list_maps"},
     "semmap/query/meshes.py": {
         *("model_triangles", "models_points", "models_triangles", "world_triangles"),

@@ -77,7 +77,7 @@ NOTHING = Obstacles(np.empty((0, 3, 3)))
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class SampledSurface:
     """Points (N, 3) on a surface with normals (N, 3) of either sign; `centre` (3,) of the mass."""
 
     points: Floats
@@ -103,13 +103,13 @@ class Surface:
         return float(np.linalg.norm(np.ptp(self.points, axis=0)) / 2)
 
 
-def surface_of(mesh: trimesh.Trimesh, centre: Floats) -> Surface:
+def surface_of(mesh: trimesh.Trimesh, centre: Floats) -> SampledSurface:
     """Points at random on a mesh, the same in each run."""
     import trimesh
 
     count = int(np.clip(mesh.area / SPACING**2, 500, MOST_POINTS))
     points, faces = trimesh.sample.sample_surface(mesh, count, seed=0)
-    return Surface(np.asarray(points), np.asarray(mesh.face_normals)[faces], centre)
+    return SampledSurface(np.asarray(points), np.asarray(mesh.face_normals)[faces], centre)
 
 
 def mesh_grasps(
@@ -133,7 +133,7 @@ def mesh_grasps(
 
 
 def surface_grasps(
-    surface: Surface,
+    surface: SampledSurface,
     gripper: Gripper,
     triangles: Floats,
     *,
@@ -191,7 +191,7 @@ def surface_grasps(
     return _free(found, Obstacles(triangles))
 
 
-def held_by(surface: Surface, grasps: Grasps, friction: float = FRICTION) -> Grasps:
+def held_by(surface: SampledSurface, grasps: Grasps, friction: float = FRICTION) -> Grasps:
     """Grasps by what their pads meet on a surface; those that hold nothing there are left out."""
     gripper, rotations = grasps.gripper, grasps.poses[:, :3, :3]
     pads = np.einsum("nij,nj->ni", rotations, gripper.pads_at(grasps.widths))
@@ -208,7 +208,7 @@ def held_by(surface: Surface, grasps: Grasps, friction: float = FRICTION) -> Gra
 
 
 def _placed(
-    surface: Surface, gripper: Gripper, rotations: Floats, targets: Floats, held: Floats
+    surface: SampledSurface, gripper: Gripper, rotations: Floats, targets: Floats, held: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Rotations, targets, qualities and widths of those that hold something."""
     kept = np.flatnonzero(held[:, 2] > 0)
@@ -226,7 +226,7 @@ def _poses(gripper: Gripper, rotations: Floats, targets: Floats, width: Floats) 
     return poses
 
 
-def _pairs(surface: Surface, opening: float, friction: float) -> tuple[Floats, Floats]:
+def _pairs(surface: SampledSurface, opening: float, friction: float) -> tuple[Floats, Floats]:
     """Middles (N, 3) and axes (N, 3) of lines within both friction cones, by random points."""
     random = np.random.default_rng(0)
     points, normals = surface.points, surface.normals
@@ -268,7 +268,7 @@ def _moved(middles: Floats, axes: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _best_pairs(
-    surface: Surface, gripper: Gripper, middles: Floats, axes: Floats, friction: float
+    surface: SampledSurface, gripper: Gripper, middles: Floats, axes: Floats, friction: float
 ) -> NDArray[np.intp]:
     """The numbers of the pairs that two pads alone would hold best."""
     two = replace(gripper, spread=np.zeros(1))
@@ -330,7 +330,7 @@ def _slanted(axis: Floats, tilt: Floats) -> list[tuple[Floats, Floats]]:
 
 
 def _contacts(
-    surface: Surface, gripper: Gripper, rotations: Floats, targets: Floats, friction: float
+    surface: SampledSurface, gripper: Gripper, rotations: Floats, targets: Floats, friction: float
 ) -> Floats:
     """(N, 3): metres by which targets are moved along x, widths and qualities, 0 for none."""
     found = np.zeros((len(targets), 3))
@@ -377,7 +377,7 @@ def _contacts(
 
 
 def _room_before_palm(
-    surface: Surface, gripper: Gripper, rotations: Floats, targets: Floats
+    surface: SampledSurface, gripper: Gripper, rotations: Floats, targets: Floats
 ) -> Floats:
     """(N,) by the share of `PALM_ROOM` that is left between the palm and what fingers close on."""
     every = max(1, len(surface.points) // COARSE)

@@ -33,7 +33,7 @@ from semmap.manipulation.retrieval import (
 )
 from semmap.manipulation.steadiness import steady_rows, unsteady
 from semmap.manipulation.store.model_shapes import StoredShape
-from semmap.manipulation.surface_grasps import Surface, surface_grasps
+from semmap.manipulation.surface_grasps import SampledSurface, surface_grasps
 
 SPLAT = 0.004
 """Metres of the triangle that stands for a point which the gripper must not touch."""
@@ -133,7 +133,7 @@ def grasps_in_cloud(
         [
             grasp_candidates(shape, held),
             surface_grasps(
-                Surface(known.points, known.normals, centre), held, item, frame=shape.pose
+                SampledSurface(known.points, known.normals, centre), held, item, frame=shape.pose
             ),
         ]
     )

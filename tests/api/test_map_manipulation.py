@@ -13,6 +13,8 @@ import yourdfpy
 
 from semmap import Map
 from semmap.geometry.pose import Pose
+from semmap.manipulation.gripper import read_gripper
+from semmap.manipulation.retrieval import DEFAULT_GRIPPER
 from semmap.manipulation.store.model_shapes import model_mesh
 from tests.manipulation.grippers import real_gripper, urdf
 from tests.seen import seen_by
@@ -38,15 +40,20 @@ def test_the_fingers_of_a_grasp_close_on_the_object(house: Map, name: str) -> No
     assert found.generated == [name]
     assert not found.problems
     assert len(found) == len(found.rows) > 5
-    mesh = placed(house, name).convex_hull
+    mesh = placed(house, name)
+    half = read_gripper(DEFAULT_GRIPPER).opening / 2
+    across = []
     for row in found:
-        centre, axis = row["pose"].matrix[:3, 3], row["pose"].matrix[:3, 0]
-        ends, _, _ = mesh.ray.intersects_location([centre - axis, centre + axis], [axis, -axis])
-        assert len(ends) >= 2, "the closing line passes through the object"
-        thickness = np.ptp(ends @ axis)
-        assert thickness < row["width"] + 0.005, "the pads are beside it"
-        if name == BOX:  # the neck of a vase is thinner than its belly, which the pads touch, too
-            assert thickness > row["width"] - 0.012
+        centre, axis = row["pose"].matrix[:3, 3], half * row["pose"].matrix[:3, 0]
+        ends, _, _ = mesh.ray.intersects_location(
+            [centre - axis, centre + axis], [axis, -axis], multiple_hits=False
+        )
+        if len(ends) == 2:  # else the middle of the pads is beside an edge
+            across.append(abs((ends[0] - ends[1]) @ axis) / half - row["width"])
+    assert len(across) > 2 / 3 * len(found)
+    assert max(across) < 0.005, "the pads are beside it"
+    # The neck of a vase is thinner than its belly, which the pads touch, too.
+    assert np.median(across) > -0.012
     assert not house.grasps(name).generated, "they are stored now"
     of_type = house.grasps(house[name].type, limit=15)
     assert [row["action_id"] for row in of_type] == [row["action_id"] for row in found]
@@ -90,7 +97,7 @@ def test_objects_are_named_by_function_point_and_shape(cups: Map) -> None:
     size = cups.find_shapes(["cup1"])[0]["size"]
     alike = cups.grasps(shape=("cylinder", *size), gripper=own, tolerance=1e-6, limit=1000)
     assert best["action_id"] in {row["action_id"] for row in alike}
-    none = cups.grasps(shape=("cylinder", *[2 * v for v in size]), gripper=own)
+    none = cups.grasps(shape=("cylinder", *[2 * v for v in size]), gripper=own, stored=True)
     assert none.problems == ["no grasp of a similar cylinder is stored"]
     assert "<td>cup1</td>" in cups.grasps("cup1", gripper=own, limit=1)._repr_html_()
 

@@ -17,7 +17,7 @@ from semmap.manipulation.evaluation import mismatch
 from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.solids import solid_hull, solid_of
 from semmap.manipulation.surface_grasps import (
-    Surface,
+    SampledSurface,
     held_by,
     mesh_grasps,
     surface_grasps,
@@ -143,7 +143,7 @@ def test_grasps_of_a_primitive_are_judged_by_what_is_there(tmp_path: Path) -> No
     middle = np.abs(judged.poses[:, 2, 3]) < 0.03
     assert middle.any()
     np.testing.assert_allclose(judged.widths[middle], 0.016, atol=1e-3)
-    far = Surface(np.full((1, 3), 9.0), np.eye(3)[:1], np.zeros(3))
+    far = SampledSurface(np.full((1, 3), 9.0), np.eye(3)[:1], np.zeros(3))
     assert not len(held_by(far, judged))
 
 
