@@ -47,6 +47,9 @@ SEEDS = 200
 LAYER = 0.002
 """Metres by which a pad gives way: points that deep are in contact."""
 
+BUMP = 4e-4
+"""Metres that pads and the noise of scans take off each side of the highest points."""
+
 LATERAL = 0.5
 """The cosine between pad and surface below which the pad does not touch it: a wall beside it."""
 
@@ -66,7 +69,7 @@ SHIFTS = ((0.005, 0, 0), (-0.005, 0, 0), (0.01, 0, 0), (-0.01, 0, 0))
 """Metres in the grasp frame by which a robot may be wrong, and should still touch nothing."""
 
 KEPT = 200
-"""The most grasps of a surface."""
+"""The most grasps of a surface, beside those of its primitive."""
 
 ALIKE = 0.01
 """Grasps nearer than this, and within some 20 degrees, count as one; metres."""
@@ -117,19 +120,19 @@ def mesh_grasps(
 ) -> Grasps:
     """Grasps of a mesh, whose primitive is `shape`; both in the frame of the model.
 
-    Those of the primitive (`grasp_candidates`), judged by the mesh unless that is the primitive,
-    and those of the mesh itself (`surface_grasps`). `options` are those of `grasp_candidates`.
+    Those of the primitive (`grasp_candidates`), judged by the mesh unless that is the primitive or
+    the gripper a hand, and those of the mesh itself (`surface_grasps`). `options` are those of `grasp_candidates`.
     """
     of_shape = grasp_candidates(shape, gripper, **options)
     if shape.inliers >= EXACT and len(of_shape):
         return of_shape
     centre = solid_hull(np.asarray(mesh.vertices)[np.unique(mesh.faces)])[1]
     surface = surface_of(mesh, centre)
-    judged = held_by(surface, of_shape, options.get("friction", FRICTION))
-    judged = _free(judged, Obstacles(mesh.triangles))
-    return Grasps.joined(
-        [judged, surface_grasps(surface, gripper, mesh.triangles, frame=shape.pose, **options)]
-    )
+    if len(gripper.spread) == 1:  # the fingers of a hand give way to the shape
+        judged = held_by(surface, of_shape, options.get("friction", FRICTION))
+        of_shape = _free(judged, Obstacles(mesh.triangles))
+    of_mesh = surface_grasps(surface, gripper, mesh.triangles, frame=shape.pose, **options)
+    return Grasps.joined([of_shape, of_mesh])
 
 
 def surface_grasps(
@@ -188,7 +191,7 @@ def surface_grasps(
     kind = np.full(len(chosen), "part")
     names, families = grasp_names(frame[:3, :3].T @ poses[:, :3, :3], none, kind, "xyz")
     found = Grasps(gripper, poses, before, width[chosen], quality[chosen], names, families)
-    return _free(found, Obstacles(triangles))
+    return _free(found, Obstacles(triangles), KEPT)
 
 
 def held_by(surface: SampledSurface, grasps: Grasps, friction: float = FRICTION) -> Grasps:
@@ -362,7 +365,7 @@ def _contacts(
         if not (ends[-1] and ends[1]):
             continue
         left, right = max(ends[-1]), max(ends[1])
-        width, shift = left + right, (right - left) / 2
+        width, shift = left + right - 2 * BUMP, (right - left) / 2
         middle = target + shift * rotation[:, 0]
         lever = surface.centre - middle
         lever = lever - (lever @ rotation[:, 0]) * rotation[:, 0]
@@ -416,9 +419,9 @@ def _from_all_sides(
     return unlike[np.argsort(turn, kind="stable")]
 
 
-def _free(grasps: Grasps, item: Obstacles) -> Grasps:
-    """The first `KEPT` grasps that are free of the object, with less quality for little room."""
-    found = grasps[_first_free(grasps, item)]
+def _free(grasps: Grasps, item: Obstacles, most: int | None = None) -> Grasps:
+    """The first grasps that are free of the object, with less quality for little room."""
+    found = grasps[_first_free(grasps, item, len(grasps) if most is None else most)]
     found = replace(found, qualities=found.qualities * _room(found, item))
     return found[np.argsort(-found.qualities, kind="stable")]
 
@@ -436,16 +439,16 @@ def _room(grasps: Grasps, item: Obstacles) -> Floats:
     return share
 
 
-def _first_free(grasps: Grasps, item: Obstacles) -> NDArray[np.intp]:
+def _first_free(grasps: Grasps, item: Obstacles, most: int) -> NDArray[np.intp]:
     """The first grasps whose open gripper does not touch the object on its way."""
     found: list[int] = []
     for start in range(0, len(grasps), AT_ONCE):
         some = np.arange(start, min(start + AT_ONCE, len(grasps)))
         free = free_grasps(grasps[some], np.eye(4), NOTHING, item=item)
         found += some[free].tolist()
-        if len(found) >= KEPT:
+        if len(found) >= most:
             break
-    return np.array(found[:KEPT], np.intp)
+    return np.array(found[:most], np.intp)
 
 
 AT_ONCE = 64

@@ -52,7 +52,7 @@ def test_a_mission_stores_the_attempt_of_the_grasp_that_it_used(
 def test_a_second_robot_of_another_gripper_does_not_begin_with_what_failed(
     house: Engine, tmp_path: Path
 ) -> None:
-    """A grasp drops the box; without that outcome, the other gripper would begin with its kind."""
+    """A grasp drops the box; of its kind, less is expected by the other gripper, too."""
     url = house.url.render_as_string(hide_password=False)
     words = ("--from", "kitchen", "--map", "house", "--assume-sizes", "--speed", 100000)
     mission = ("run", f"on({BOX}, KitchenTable_01_001)", "--simulate", *words)
@@ -69,9 +69,9 @@ def test_a_second_robot_of_another_gripper_does_not_begin_with_what_failed(
         rows = [row for row in json.loads(listed.stdout) if row["kind"] == "grasp"]
         return [(families[row["action_id"]], row["outcome"]) for row in reversed(rows)]
 
-    *failed, found = tried()
+    *before, found = tried()
+    failed = [(family, outcome) for family, outcome in before if outcome == "error"]
     assert failed, "the first robot learns by a failure"
-    assert {outcome for _, outcome in failed} == {"error"}
     assert found[1] == "completed"
     hand = tmp_path / "plates.urdf"
     hand.write_text(BY_HAND)
@@ -79,10 +79,17 @@ def test_a_second_robot_of_another_gripper_does_not_begin_with_what_failed(
     families = {family for family, _ in failed}
     with package.connect(url) as db:
         session = db.map("house").connection
+
+        def expected() -> float:
+            """What is expected of the kinds of grasps that failed, by the other gripper."""
+            found = find_grasps(seen_by(session), name=BOX, gripper="plates", limit=1000)
+            shares = [row["expected"] for row in found.rows if row["family"] in families]
+            return sum(shares) / len(shares)
+
         with session.transaction(force_rollback=True):
+            knowing = expected()
             session.execute("DELETE FROM experience")
-            found_grasps = find_grasps(seen_by(session), name=BOX, gripper="plates", limit=1)
-            assert found_grasps.rows[0]["family"] in families
+            assert knowing < expected() - 0.01
     ((family, outcome),) = tried("--gripper", "plates")
     assert family not in families
     assert outcome == "completed"
