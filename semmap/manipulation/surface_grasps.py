@@ -121,7 +121,8 @@ def mesh_grasps(
     """Grasps of a mesh, whose primitive is `shape`; both in the frame of the model.
 
     Those of the primitive (`grasp_candidates`), judged by the mesh unless that is the primitive or
-    the gripper a hand, and those of the mesh itself (`surface_grasps`). `options` are those of `grasp_candidates`.
+    the gripper a hand, and those of the mesh itself (`surface_grasps`). `options` are those of
+    `grasp_candidates`.
     """
     of_shape = grasp_candidates(shape, gripper, **options)
     if shape.inliers >= EXACT and len(of_shape):
