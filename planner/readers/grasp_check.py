@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
 from semmap.query.storey_reader import read_entities
 
@@ -170,12 +171,16 @@ class GraspCheck:
         `moved`, or freed of what is on it before, only the shape counts.
         """
         from semmap.manipulation.retrieval import misfit, slanting, touching
+        from semmap.manipulation.suitability import reasons_against
 
         hand, grasps = self.hand, self._grasps(item)
         if hand is None or isinstance(grasps, str):
             return None
         if not grasps:
-            why = misfit(item, self._shape(item), hand.name, hand.gripper.opening)
+            number = entity_id(self._seen.session, item)
+            excluded = reasons_against(self._seen, "grasp", hand.gripper.kind, [number])
+            wide = misfit(item, self._shape(item), hand.name, hand.gripper.opening)
+            why = excluded.get(item, wide)
         elif moved or grasps[0]["pose"] is None:  # it has no pose in the map
             return None
         else:

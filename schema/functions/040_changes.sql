@@ -97,9 +97,9 @@ END $$;
 CREATE FUNCTION reaches_back(cursor text)
 RETURNS boolean LANGUAGE sql STABLE STRICT
 BEGIN ATOMIC
--- Whether every change after a cursor is still stored: the newest change that was pruned is before it.
-SELECT NOT EXISTS (SELECT FROM semmap.change_pruned p
-                   WHERE NOT pg_visible_in_snapshot(p.xid::text::xid8, cursor::pg_snapshot));
+-- Whether every change after a cursor is still stored: the newest change that was pruned is older than all transactions that
+-- were open then.
+SELECT NOT EXISTS (SELECT FROM semmap.change_pruned p WHERE p.xid >= pg_snapshot_xmin(cursor::pg_snapshot)::text::bigint);
 END;
 
 CREATE FUNCTION changes_since(after_cursor text)

@@ -91,9 +91,13 @@ CREATE FUNCTION share_to_decide(of_map integer, of_relation text)
 RETURNS double precision LANGUAGE sql STABLE
 BEGIN ATOMIC
 -- Which part of the work of deciding all pairs it is to decide those of the entities that changed since the relation was
--- kept: 1 if nothing is kept, 0 for a few entities, which are decided faster than kept.
-SELECT CASE WHEN c.number <= 5 THEN 0
-            ELSE coalesce(least(1, 2.0 * c.number / (SELECT greatest(count(*), 1) FROM semmap.world w WHERE w.map_id = of_map)), 1) END
+-- kept: 1 if nothing is kept, 0 for a few entities, which are decided faster than kept, unless their many changes make the
+-- log long to read.
+SELECT CASE WHEN c.number <= 5 AND NOT EXISTS (
+                SELECT FROM semmap.kept_relation k JOIN semmap.change x ON x.map_id = k.map_id
+                WHERE k.map_id = of_map AND k.relation = of_relation AND x.xid >= pg_snapshot_xmax(k.cursor::pg_snapshot)::text::bigint
+                OFFSET 5000) THEN 0
+            ELSE coalesce(least(1, (0.01 + 2.0 * c.number) / (SELECT greatest(count(*), 1) FROM semmap.world w WHERE w.map_id = of_map)), 1) END
 FROM (SELECT cardinality(semmap.changed_for_relation(of_map, of_relation)) OFFSET 0) c (number);
 END;
 
@@ -105,6 +109,7 @@ RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public,
 DECLARE
     share double precision;
     changed bigint[];
+    current_basis text := semmap.kept_basis();  -- before all else: pairs of former types must not count as of newer ones
     now pg_snapshot;
     own xid8;
     kept bigint;
@@ -121,7 +126,7 @@ BEGIN
     now := pg_current_snapshot();
     changed := CASE WHEN share < 1 THEN semmap.changed_for_relation(of_map, of_relation) END;
     INSERT INTO semmap.kept_relation AS k (map_id, relation, basis, cursor)
-        VALUES (of_map, of_relation, semmap.kept_basis(), concat_ws(':', least(pg_snapshot_xmin(now), own), least(pg_snapshot_xmax(now), own), (
+        VALUES (of_map, of_relation, current_basis, concat_ws(':', least(pg_snapshot_xmin(now), own), least(pg_snapshot_xmax(now), own), (
             SELECT coalesce(string_agg(x::text, ',' ORDER BY x), '') FROM pg_snapshot_xip(now) x WHERE x < own)))
         ON CONFLICT (map_id, relation) DO UPDATE SET basis = excluded.basis, cursor = excluded.cursor
         RETURNING k.id INTO kept;

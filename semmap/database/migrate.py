@@ -117,6 +117,9 @@ def _change_tables(
     """Run Alembic's `run` to a revision without code; make the code at the newest one."""
     _drop_code(connection)
     run(_config(connection), revision)
+    if connection.scalar(text("SELECT to_regclass('semmap.kept_relation') IS NOT NULL")):
+        # a revision may have changed rows, and nothing recorded it
+        connection.exec_driver_sql("DELETE FROM semmap.kept_relation")
     if (revisions.installed(driver_of(connection)) or "").split(" ")[0] == revisions.newest():
         # bodies are not checked here: functions may call those of later files
         connection.exec_driver_sql("SET LOCAL check_function_bodies = off")

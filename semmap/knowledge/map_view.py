@@ -59,6 +59,7 @@ class MapView:
     tbox: bool = True  # whether triples of variables alone match the T-Box
     notes: list[str] = field(default_factory=list)  # what the answers say nothing of
     may_keep: bool = False  # whether relations may be kept first: the transaction is its own
+    unkept: frozenset[str] = frozenset()  # relations that could not be kept
     pairs: frozenset[str] = frozenset()  # the kept relations of which statements read all pairs
     plans: bool = False  # whether the plan of each statement is read, too
     # subjects and objects of facts that were changed
@@ -162,7 +163,7 @@ class MapView:
                     shares.pop(name)
         if stale and self.may_keep:
             raise RelationsToKeep(self.number, stale)
-        return frozenset(shares)
+        return frozenset(shares) - self.unkept
 
     def _cost(self, sql: str, parameters: Mapping[str, Any]) -> float:
         """Return what the planner thinks that a statement costs."""

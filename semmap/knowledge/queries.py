@@ -83,29 +83,47 @@ def query(
     try:
         return _asked(session, key, stop, plan, may_keep=_is_idle(session))
     except RelationsToKeep as stale:
-        _keep(session, stale, stop)
+        unkept = _keep(session, stale, stop / 2)
     left = max(stop - (time.monotonic() - begin), 0.001)
-    return _asked(session, key, left, plan, may_keep=False)
+    return _asked(session, key, left, plan, may_keep=False, unkept=unkept)
 
 
 def _is_idle(session: Session) -> bool:
     return session.info.transaction_status == psycopg.pq.TransactionStatus.IDLE
 
 
-def _keep(session: Session, stale: RelationsToKeep, seconds: float) -> None:
-    """Keep relations, in a transaction that may write where the login only reads by default."""
-    with limited(session, seconds):
-        if session.info.user == READER:
-            session.execute("SET TRANSACTION READ WRITE")
-        for relation in stale.relations:
-            session.execute("SELECT keep_relation(%s, %s)", (stale.of_map, relation))
+def _keep(session: Session, stale: RelationsToKeep, seconds: float) -> frozenset[str]:
+    """Keep relations, and return those that could not be kept: the query does without.
+
+    Each is kept in a transaction that may write where the login only reads by default.
+    """
+    end, unkept = time.monotonic() + seconds, set()
+    for relation in stale.relations:
+        try:
+            with limited(session, max(end - time.monotonic(), 0.001)):
+                if session.info.user == READER:
+                    session.execute("SET TRANSACTION READ WRITE")
+                session.execute("SELECT keep_relation(%s, %s)", (stale.of_map, relation))
+        except (psycopg.DatabaseError, KnowledgeError):  # on a standby, or too slow
+            if session.closed:
+                raise
+            unkept.add(relation)
+    return frozenset(unkept)
 
 
-def _asked(session: Session, key: _Key, seconds: float, plan: bool, *, may_keep: bool) -> Answer:
+def _asked(
+    session: Session,
+    key: _Key,
+    seconds: float,
+    plan: bool,
+    *,
+    may_keep: bool,
+    unkept: frozenset[str] = frozenset(),
+) -> Answer:
     """Translate a query and answer it."""
     text, most, inferred, dataset, tbox = key
     with limited_view(session, seconds) as view:
-        view.plans, view.may_keep = plan, may_keep
+        view.plans, view.may_keep, view.unkept = plan, may_keep, unkept
         view.tbox = tbox
         if not inferred:
             view.inferred = NOTHING_INFERRED

@@ -125,15 +125,16 @@ class Gripper:
     @property
     def swept_volume(self) -> float:
         """The volume that the fingers pass while they close, m³: hulls of open, half and closed."""
-        volume = 0.0
+        volume, rigid = 0.0, self.rigid
         for finger in self.fingers:
             points = [
-                self.robot.hull(link) @ pose[:3, :3].T + pose[:3, 3]
+                _moved(hull, pose)
                 for poses in self.poses[[0, len(self.poses) // 2, -1]]
-                for link, pose in zip(self.links, poses, strict=True)
-                if link in finger
+                for link, pose, hull in zip(self.links, poses, self.hulls, strict=True)
+                if link in finger and link not in rigid
             ]
-            volume += ConvexHull(np.concatenate(points), qhull_options="QJ").volume
+            if points:
+                volume += ConvexHull(np.concatenate(points), qhull_options="QJ").volume
         return volume
 
     @property

@@ -201,19 +201,23 @@ def _shape_model(
     if shape is None:
         return None
     kind = shape["shape"]
+    groups: dict[tuple[Any, ...], list[_Outcome]] = {}  # on one shape by one gripper
+    for one in known:
+        of = tuple(one.size or ()), tuple(one.up or ()), one.opening, one.depth
+        groups.setdefault(of, []).append(one)
     features = [
         grasp_features(
-            solid_of(kind, one.size or ()),
-            np.array(one.up),
-            Pose(*one.pose or ()).matrix[None],
-            np.array([one.width]),
-            one.opening,
-            one.depth,
+            solid_of(kind, size),
+            np.array(up),
+            np.array([Pose(*one.pose or ()).matrix for one in some]),
+            np.array([one.width for one in some]),
+            opening,
+            depth,
         )
-        for one in known
+        for (size, up, opening, depth), some in groups.items()
     ]
     qualities, attempts, successes = (
-        np.array([getattr(one, name) for one in known])
+        np.array([getattr(one, name) for some in groups.values() for one in some])
         for name in ("quality", "attempts", "successes")
     )
     model = GraspModel.learn(np.concatenate(features), qualities, attempts, successes)
@@ -238,7 +242,7 @@ def ranked(
         of_model = [row for row in rows if row["object_id"] == number]
         expected = _expected(evidence, of_model)
         for row, share in zip(of_model, expected, strict=True):
-            found.append(row | {"expected": share, "quality": _quality(row)})
+            found.append({"quality": _quality(row)} | row | {"expected": share})
     return best_first(found)
 
 

@@ -198,7 +198,14 @@ HAS_GRIPPER = "SELECT 1 FROM gripper g JOIN device d ON d.id = g.device_id WHERE
 
 def stored_actions(seen: Snapshot, *, kind: str, **asked: Any) -> FoundActions:
     """The best stored actions of a kind, as of `actions_on`; none is generated."""
-    rows, problems = fitting_rows(seen, actions_on(seen, kind=kind, **asked))
+    rows = actions_on(seen, kind=kind, **asked)
+    excluded: dict[str, str] = {}
+    if rows:
+        meant = {entity_id(seen.session, row["entity"]) for row in rows}
+        form = _form(seen.session, asked.get("gripper"))
+        excluded = reasons_against(seen, kind, form, meant)
+    rows, problems = fitting_rows(seen, [row for row in rows if row["entity"] not in excluded])
+    problems += excluded.values()
     if not rows and not problems:
         problems = [f"no {kind} is stored for such an object"]
     return FoundActions(rows, problems)
@@ -216,11 +223,15 @@ def _ranked(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> list[
 def _steady(
     seen: Snapshot, rows: Sequence[dict[str, Any]], gripper: Gripper | None, problems: list[str]
 ) -> list[dict[str, Any]]:
-    """Rows of stored grasps by how steadily they hold the objects as they stand, too."""
-    found = []
-    for number in dict.fromkeys(row["object_id"] for row in rows):
-        some = [row for row in rows if row["object_id"] == number]
-        shape = None if some[0]["link"] is not None else stored_shape(seen.session, number)
+    """Rows of stored grasps by how steadily they hold the objects as they stand, too.
+
+    Those of linked models stay as they are: their frames are of other objects.
+    """
+    found = [row for row in rows if row["link"] is not None]
+    own = [row for row in rows if row["link"] is None]
+    for number in dict.fromkeys(row["object_id"] for row in own):
+        some = [row for row in own if row["object_id"] == number]
+        shape = stored_shape(seen.session, number)
         steady = some if shape is None else steady_rows(some, shape, gripper)
         if not steady:
             names = ", ".join(dict.fromkeys(row["entity"] for row in some))
@@ -250,8 +261,8 @@ def _opening(session: Session, gripper: str) -> float:
     return float(opening)
 
 
-def _form(session: Session, gripper: str) -> str:
-    """The form of a stored gripper, such as parallel."""
+def _form(session: Session, gripper: str | None) -> str:
+    """The form of a stored gripper, by default the preferred one, such as parallel."""
     ((form,),) = session.execute(
         "SELECT form FROM gripper WHERE device_id = %s", (gripper_id(session, gripper),)
     )

@@ -21,6 +21,9 @@ HOLD = 1.5 * PAD
 LEAST = 0.03
 """The steadiness below which a grasp holds nothing up: some 17 cm beside the centre of mass."""
 
+ASIDE = 0.002
+"""Metres by which a grasp was moved aside, not only along its approach."""
+
 
 def steadiness(
     rows: Sequence[Mapping[str, Any]], shape: PrimitiveShape, gripper: Gripper | None = None
@@ -53,18 +56,18 @@ def steady_rows(
 ) -> list[dict[str, Any]]:
     """Rows that hold the object as it stands; in `expected`, their quality is times the steadiness.
 
-    Those that trial and error moved stay as they are: the object is heavy at one end. Outcomes
-    count as before.
+    Those that trial and error moved aside stay as they are: the object is heavy at one end.
+    Outcomes count as before. `quality` is that without steadiness.
     """
     found = []
     for row, share in zip(rows, steadiness(rows, shape, gripper), strict=True):
-        if row["shift"] is not None:
-            found.append(row)
+        attempts = row["attempts"]
+        quality = (row["expected"] * (attempts + 2) - row["successes"]) / 2
+        if row["shift"] is not None and np.hypot(*row["shift"][:2]) > ASIDE:
+            found.append(row | {"quality": quality})
         elif row["successes"] or share >= LEAST:
-            attempts = row["attempts"]
-            twice_quality = row["expected"] * (attempts + 2) - row["successes"]
-            less = float(1 - share) * twice_quality / (attempts + 2)
-            found.append(row | {"expected": row["expected"] - less})
+            less = 2 * float(1 - share) * quality / (attempts + 2)
+            found.append(row | {"expected": row["expected"] - less, "quality": quality})
     return found
 
 

@@ -79,10 +79,10 @@ def reasons_against(
 ) -> dict[str, str]:
     """Why an action of a kind by a gripper of a form suits none of these entities, by their names.
 
-    Their functions are those of their types and of their models; what no reason is against is left
-    out.
+    Their functions are those of their types and of their models, their shapes those that fit; what
+    no reason is against is left out.
     """
-    rows = seen.session.execute(OBJECTS, (list(entities),)).fetchall()
+    rows = seen.session.execute(OBJECTS, (FITS, list(entities))).fetchall()
     found = {name: unsuitable(kind, form, shape, uses) for name, shape, uses in rows}
     return {
         name: f"{name}: the ontology excludes a {kind} of it by a {form} gripper: {'; '.join(why)}"
@@ -91,9 +91,14 @@ def reasons_against(
     }
 
 
+FITS = 0.95
+"""The share of a mesh on its primitive from which its shape counts: a teapot is no sphere."""
+
 OBJECTS = """
-SELECT e.name, o.shape, functions_of(e.type) || coalesce(o.functions, '{}') FROM entity e
-LEFT JOIN entity_object h ON h.entity_id = e.id LEFT JOIN object_model o ON o.id = h.object_id
+SELECT e.name, CASE WHEN o.inliers >= %s THEN o.shape END,
+       functions_of(e.type) || coalesce(o.functions, '{}')
+FROM entity e LEFT JOIN entity_object h ON h.entity_id = e.id
+LEFT JOIN object_model o ON o.id = h.object_id
 WHERE e.id = ANY (%s) ORDER BY e.name
 """
 

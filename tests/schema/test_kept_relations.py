@@ -510,3 +510,42 @@ def test_the_login_that_only_reads_keeps_pairs_too(
             session.execute("DELETE FROM kept_pair")
         session.rollback()
     reader.dispose()
+
+
+def test_a_question_is_answered_where_nothing_can_be_kept(
+    small_house: House, module_engine: Engine
+) -> None:
+    """As on a standby: what fails while relations are kept is not a failure of the question."""
+    house = small_house
+    house.session.execute("ANALYZE")
+    reader = as_reader(module_engine)
+    assert reader is not None
+    keep = "FUNCTION keep_relation(integer, text)"
+    house.session.execute(f"REVOKE EXECUTE ON {keep} FROM semmap_reader")
+    try:
+        with reader.connect() as connection:
+            session = driver_of(connection)
+            session.execute("SELECT set_config('semmap.map', %s, false)", (house.name,))
+            session.commit()
+            answer = query(session, "SELECT ?a ?b { ?a semmap:near ?b }")
+            assert len(answer.rows) == len(house.decided("near"))
+            assert house.changed("near") is None
+    finally:
+        house.session.execute(f"GRANT EXECUTE ON {keep} TO semmap_reader")
+        reader.dispose()
+
+
+@pytest.mark.parametrize(("pruned", "reaches"), [(99, True), (100, False), (110, False)])
+def test_a_cursor_does_not_reach_over_a_pruned_change_of_an_open_transaction(
+    small_house: House, pruned: int, reaches: bool
+) -> None:
+    """Transaction 100 was open at the cursor 100:120:100; 110 was seen, and pruned after it."""
+    session = small_house.session
+    with session.transaction(force_rollback=True):
+        session.execute(
+            "INSERT INTO change_pruned (xid) VALUES (%s) "
+            "ON CONFLICT (id) DO UPDATE SET xid = excluded.xid",
+            (pruned,),
+        )
+        found = session.execute("SELECT reaches_back('100:120:100')").fetchone()
+        assert found == (reaches,)

@@ -50,7 +50,8 @@ def stored_shape(session: Session, model: int) -> StoredShape | None:
     row = read_shape(session, model)
     if row is None:
         return None
-    return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix, row["inliers"])
+    fits = row["inliers"] or 0.0  # nobody stated how well it fits
+    return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix, fits)
 
 
 def mesh_shape(seen: Snapshot, entity: str) -> Primitive:
