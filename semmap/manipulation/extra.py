@@ -24,6 +24,15 @@ def library(name: str) -> Any:
         ) from error
 
 
+def is_installed(name: str) -> bool:
+    """Whether a module of the extra is there."""
+    try:
+        library(name)
+    except ManipulationError:
+        return False
+    return True
+
+
 def mujoco_pose(pose: NDArray[np.float64]) -> dict[str, Any]:
     """A pose (4, 4) as MuJoCo takes it: its quaternions are (w, x, y, z)."""
     x, y, z, w = Pose.from_matrix(pose)[3:]

@@ -33,6 +33,8 @@ def steadiness(
     Rows have `pose` in the map's frame, `model_pose` in that of the model and `width`. The centre
     of mass is that of `shape`, which is in the frame of the model.
     """
+    if any(row["pose"] is None for row in rows):
+        return np.ones(len(rows))  # it has no pose in the map
     if not rows:
         return np.zeros(0)
     there = np.array([row["pose"].matrix for row in rows])

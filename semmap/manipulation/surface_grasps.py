@@ -26,6 +26,7 @@ from semmap.manipulation.candidates import (
     quality_of,
 )
 from semmap.manipulation.collision import Obstacles, free_grasps
+from semmap.manipulation.extra import is_installed
 from semmap.manipulation.gripper import PAD, TILT, Gripper
 from semmap.manipulation.solids import PrimitiveShape, solid_hull
 
@@ -121,12 +122,12 @@ def mesh_grasps(
     """Grasps of a mesh, whose primitive is `shape`; both in the frame of the model.
 
     Those of the primitive (`grasp_candidates`), judged by the mesh unless that is the primitive or
-    the gripper a hand, and those of the mesh itself (`surface_grasps`). `options` are those of
-    `grasp_candidates`.
+    the gripper a hand, and those of the mesh itself (`surface_grasps`). Without the library for
+    collisions, only the first. `options` are those of `grasp_candidates`.
     """
     of_shape = grasp_candidates(shape, gripper, **options)
-    if shape.inliers >= EXACT and len(of_shape):
-        return of_shape
+    if (shape.inliers >= EXACT and len(of_shape)) or not is_installed("fcl"):
+        return of_shape  # nothing tells what the fingers touch
     centre = solid_hull(np.asarray(mesh.vertices)[np.unique(mesh.faces)])[1]
     surface = surface_of(mesh, centre)
     if len(gripper.spread) == 1:  # the fingers of a hand give way to the shape

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.convex_pieces import convex_pieces
 from semmap.manipulation.evaluation import mismatch
+from semmap.manipulation.extra import library
 from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.solids import solid_hull, solid_of
 from semmap.manipulation.surface_grasps import (
@@ -237,3 +239,18 @@ def test_a_mug_is_lifted_by_its_rim(name: str) -> None:
     standing[2, 3] = 5e-4
     outcomes = [mismatch(Trial(gripper, body, standing).run(grasp)) for grasp in down[:4]]
     assert outcomes.count(None) >= 3
+
+
+def test_without_the_library_for_collisions_a_mesh_has_the_grasps_of_its_primitive(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    gripper, mesh = real_gripper("stretch_se3"), mug()
+    shape = mesh_primitive(mesh)
+    monkeypatch.setitem(sys.modules, "fcl", None)
+    library.cache_clear()
+    try:
+        found = mesh_grasps(mesh, shape, gripper)
+    finally:
+        library.cache_clear()
+    assert len(found)
+    np.testing.assert_array_equal(found.poses, grasp_candidates(shape, gripper).poses)
