@@ -25,7 +25,7 @@ from semmap.manipulation.gripper import Gripper, read_gripper
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import STORED, actions_on, entities_meant
-from semmap.manipulation.solids import PrimitiveShape
+from semmap.manipulation.solids import FITS, PrimitiveShape
 from semmap.manipulation.steadiness import steady_rows, unsteady
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
@@ -36,7 +36,7 @@ from semmap.manipulation.store.model_shapes import (
     stored_shape,
 )
 from semmap.manipulation.suitability import reasons_against
-from semmap.manipulation.surface_grasps import EXACT, mesh_grasps
+from semmap.manipulation.surface_grasps import mesh_grasps
 from semmap.manipulation.surroundings import Surroundings, enclosure_of, entity_pose
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
@@ -165,7 +165,7 @@ def known_grasps(
 
 def model_grasps(seen: Snapshot, entity: str, shape: PrimitiveShape, gripper: Gripper) -> Grasps:
     """The grasps of an entity's mesh (`mesh_grasps`), or of its shape where it has no mesh."""
-    if shape.inliers >= EXACT and len(found := grasp_candidates(shape, gripper)):
+    if shape.inliers >= FITS and len(found := grasp_candidates(shape, gripper)):
         return found
     try:
         mesh = model_mesh(seen, entity)

@@ -26,6 +26,10 @@ SIZES = {
 """The sizes of each kind, metres."""
 
 
+FITS = 0.95
+"""The share of a mesh on its primitive from which that stands for it: a teapot is no sphere."""
+
+
 class PrimitiveShape(Protocol):
     """A fitted primitive as in `SIZES`; `pose` (4, 4) is its frame in that of the model."""
 

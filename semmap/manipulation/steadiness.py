@@ -13,6 +13,7 @@ import numpy as np
 
 from semmap.arrays import Floats
 from semmap.manipulation.gripper import PAD, Gripper
+from semmap.manipulation.ranking import LEAST as SHIFTED
 from semmap.manipulation.solids import PrimitiveShape, solid_of
 
 HOLD = 1.5 * PAD
@@ -20,9 +21,6 @@ HOLD = 1.5 * PAD
 
 LEAST = 0.03
 """The steadiness below which a grasp holds nothing up: some 17 cm beside the centre of mass."""
-
-ASIDE = 0.002
-"""Metres by which a grasp was moved aside, not only along its approach."""
 
 
 def steadiness(
@@ -65,7 +63,7 @@ def steady_rows(
     for row, share in zip(rows, steadiness(rows, shape, gripper), strict=True):
         attempts = row["attempts"]
         quality = (row["expected"] * (attempts + 2) - row["successes"]) / 2
-        if row["shift"] is not None and np.hypot(*row["shift"][:2]) > ASIDE:
+        if row["shift"] is not None and np.hypot(*row["shift"][:2]) > SHIFTED:
             found.append(row | {"quality": quality})
         elif row["successes"] or share >= LEAST:
             less = 2 * float(1 - share) * quality / (attempts + 2)

@@ -22,6 +22,7 @@ from semmap.knowledge.reasoning.rules import (
     compile_rules,
 )
 from semmap.knowledge.vocabulary import SEMMAP
+from semmap.manipulation.solids import FITS
 from semmap.query.snapshot import Snapshot
 
 _ACTION, _GRIPPER, _OBJECT = "_:action", "_:gripper", "_:object"
@@ -90,9 +91,6 @@ def reasons_against(
         if why
     }
 
-
-FITS = 0.95
-"""The share of a mesh on its primitive from which its shape counts: a teapot is no sphere."""
 
 OBJECTS = """
 SELECT e.name, CASE WHEN o.inliers >= %s THEN o.shape END,

@@ -28,13 +28,10 @@ from semmap.manipulation.candidates import (
 from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.extra import is_installed
 from semmap.manipulation.gripper import PAD, TILT, Gripper
-from semmap.manipulation.solids import PrimitiveShape, solid_hull
+from semmap.manipulation.solids import FITS, PrimitiveShape, solid_hull
 
 if TYPE_CHECKING:
     import trimesh
-
-EXACT = 0.95
-"""The share of a mesh on its primitive from which the primitive stands for it."""
 
 SPACING = 0.002
 """Metres between points on a surface."""
@@ -126,7 +123,7 @@ def mesh_grasps(
     collisions, only the first. `options` are those of `grasp_candidates`.
     """
     of_shape = grasp_candidates(shape, gripper, **options)
-    if (shape.inliers >= EXACT and len(of_shape)) or not is_installed("fcl"):
+    if (shape.inliers >= FITS and len(of_shape)) or not is_installed("fcl"):
         return of_shape  # nothing tells what the fingers touch
     centre = solid_hull(np.asarray(mesh.vertices)[np.unique(mesh.faces)])[1]
     surface = surface_of(mesh, centre)

@@ -490,49 +490,46 @@ def test_a_question_about_few_keeps_nothing(large_house: House) -> None:
     assert house.changed("near") == set()
 
 
+@pytest.fixture
+def reader(small_house: House, module_engine: Engine) -> Iterator[psycopg.Connection[Any]]:
+    """A session of the login that only reads, in the same map."""
+    small_house.session.execute("ANALYZE")
+    engine = as_reader(module_engine)
+    assert engine is not None
+    with engine.connect() as connection:
+        session = driver_of(connection)
+        session.execute("SELECT set_config('semmap.map', %s, false)", (small_house.name,))
+        session.commit()
+        yield session
+        session.rollback()
+    engine.dispose()
+
+
 def test_the_login_that_only_reads_keeps_pairs_too(
-    small_house: House, module_engine: Engine
+    small_house: House, reader: psycopg.Connection[Any]
 ) -> None:
     house = small_house
-    house.session.execute("ANALYZE")
-    reader = as_reader(module_engine)
-    assert reader is not None
-    with reader.connect() as connection:
-        session = driver_of(connection)
-        session.execute("SELECT set_config('semmap.map', %s, false)", (house.name,))
-        session.commit()
-        answer = query(session, "SELECT ?a ?b { ?a semmap:near ?b }")
-        assert len(answer.rows) == len(house.decided("near"))
-        assert house.changed("near") == set()
-        assert session.execute("SHOW transaction_read_only").fetchone() == ("on",)
-        session.rollback()
-        with pytest.raises(psycopg.Error, match=r"read-only|denied"):
-            session.execute("DELETE FROM kept_pair")
-        session.rollback()
-    reader.dispose()
+    answer = query(reader, "SELECT ?a ?b { ?a semmap:near ?b }")
+    assert len(answer.rows) == len(house.decided("near"))
+    assert house.changed("near") == set()
+    assert reader.execute("SHOW transaction_read_only").fetchone() == ("on",)
+    reader.rollback()
+    with pytest.raises(psycopg.Error, match=r"read-only|denied"):
+        reader.execute("DELETE FROM kept_pair")
 
 
 def test_a_question_is_answered_where_nothing_can_be_kept(
-    small_house: House, module_engine: Engine
+    small_house: House, reader: psycopg.Connection[Any]
 ) -> None:
     """As on a standby: what fails while relations are kept is not a failure of the question."""
-    house = small_house
-    house.session.execute("ANALYZE")
-    reader = as_reader(module_engine)
-    assert reader is not None
-    keep = "FUNCTION keep_relation(integer, text)"
+    house, keep = small_house, "FUNCTION keep_relation(integer, text)"
     house.session.execute(f"REVOKE EXECUTE ON {keep} FROM semmap_reader")
     try:
-        with reader.connect() as connection:
-            session = driver_of(connection)
-            session.execute("SELECT set_config('semmap.map', %s, false)", (house.name,))
-            session.commit()
-            answer = query(session, "SELECT ?a ?b { ?a semmap:near ?b }")
-            assert len(answer.rows) == len(house.decided("near"))
-            assert house.changed("near") is None
+        answer = query(reader, "SELECT ?a ?b { ?a semmap:near ?b }")
+        assert len(answer.rows) == len(house.decided("near"))
+        assert house.changed("near") is None
     finally:
         house.session.execute(f"GRANT EXECUTE ON {keep} TO semmap_reader")
-        reader.dispose()
 
 
 @pytest.mark.parametrize(("pruned", "reaches"), [(99, True), (100, False), (110, False)])
