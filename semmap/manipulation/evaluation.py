@@ -24,6 +24,9 @@ EMPTY = 0.003
 SAME = 1e-3
 """Metres by which places of a grasp differ that are worth a trial each."""
 
+SHIFTED = 0.002
+"""Metres below which moving a grasp changes nothing."""
+
 CORRECTIONS = 3
 """Corrections of one grasp before another is tried."""
 

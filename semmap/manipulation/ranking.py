@@ -18,7 +18,7 @@ from semmap.arrays import Floats
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
-from semmap.manipulation.evaluation import group_of, shifted
+from semmap.manipulation.evaluation import SHIFTED, group_of, shifted
 from semmap.manipulation.grasp_model import GraspModel, grasp_features, pads_on
 from semmap.manipulation.reader import in_model, read_shape
 from semmap.manipulation.solids import ConvexSolid, solid_of
@@ -28,9 +28,6 @@ PRIOR = 0.5
 
 NEIGHBOUR = 0.5
 """What an attempt of a similar action on the same object counts."""
-
-LEAST = 0.002
-"""Metres below which moving a grasp changes nothing."""
 
 
 class Tally(NamedTuple):
@@ -114,7 +111,7 @@ class Evidence:
         (self.own if own else self.alike).add((group, shift is not None), outcomes)
         if shift is None or pose is None or extent is None or own or not outcomes.successes:
             return
-        aside = np.hypot(shift[0], shift[1]) > LEAST  # such as towards the heavy end of the shape
+        aside = np.hypot(shift[0], shift[1]) > SHIFTED  # such as towards the heavy end of the shape
         place = pose.rotation_matrix @ np.array(shift) if aside else np.zeros(3)
         part = np.append(place, 0.0 if aside else shift[2]) / extent
         if np.linalg.norm(part) <= 1:
@@ -153,7 +150,7 @@ class Evidence:
         part = extent * np.average(parts, axis=0, weights=weights)
         _, y, z = (shape_pose[:3, :3].T @ grasp.pose[:3, :3]).T @ part[:3]
         found: Floats = np.array([0.0, y, z + part[3]])  # where they close, fingers find the middle
-        return found if np.linalg.norm(found) > LEAST else None
+        return found if np.linalg.norm(found) > SHIFTED else None
 
 
 def evidence_on(session: Session, object_id: int, gripper: str, kind: str = "grasp") -> Evidence:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from semmap.arrays import Floats
+from semmap.manipulation.evaluation import SHIFTED
 from semmap.manipulation.gripper import PAD, Gripper
-from semmap.manipulation.ranking import LEAST as SHIFTED
 from semmap.manipulation.solids import PrimitiveShape, solid_of
 
 HOLD = 1.5 * PAD
