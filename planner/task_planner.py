@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
 BAND = 0.2  # metres of distance to an object in which the arm is asked about one pose a side
 ASKED = 24  # the most base poses about which the arm is asked
+COMPARED = 3  # base poses from which the arm acts that are compared
 
 
 def plan_task(
@@ -293,18 +294,26 @@ def _approach_poses(
         return None if reach is None else acting(item, carried, reach)
 
     def acting(item: TaskObject, carried: bool, reach: ArmReach) -> Iterator[Pose]:
-        """First poses that face the object, unless the arm needs its base to get to a grasp."""
+        """First poses that face the object, unless the arm needs its base to get to a grasp.
+
+        Of each few from which the arm acts, those come first where that costs least.
+        """
         number, found = 0, False
         why: NoBasePoseError | None = None
         for poses in (facing(item, reach), placed_by_arm(item, reach)):
+            acts: list[tuple[float, int, Pose]] = []
             try:
-                for acts, pose in poses:
+                for cost, pose in poses:
                     number += 1
-                    if acts:
+                    if cost is not None:
                         found = True
-                        yield pose
+                        acts.append((cost, number, pose))
+                    if len(acts) == COMPARED:
+                        yield from (pose for *_, pose in sorted(acts))
+                        acts = []
             except NoBasePoseError as error:
                 why = why or error
+            yield from (pose for *_, pose in sorted(acts))
             if found:
                 return
         if not number and why is not None:
@@ -318,13 +327,13 @@ def _approach_poses(
             f"and {tried}"
         )
 
-    def facing(item: TaskObject, reach: ArmReach) -> Iterator[tuple[bool, Pose]]:
+    def facing(item: TaskObject, reach: ArmReach) -> Iterator[tuple[float | None, Pose]]:
         if reach.arm.needs_base:
             return
         around = untried(item.name, facing_poses(*located(item), BAND))
-        yield from ((reach.acts(pose), pose) for pose in islice(around, ASKED))
+        yield from ((reach.cost(pose), pose) for pose in islice(around, ASKED))
 
-    def placed_by_arm(item: TaskObject, reach: ArmReach) -> Iterator[tuple[bool, Pose]]:
+    def placed_by_arm(item: TaskObject, reach: ArmReach) -> Iterator[tuple[float | None, Pose]]:
         ground, entity = located(item)
         bases, which = reach.stances(0.0 if ground is None else ground.floor)
         numbers: dict[Pose, int] = {}
@@ -335,7 +344,7 @@ def _approach_poses(
                 yield pose
 
         around = untried(item.name, stances())
-        yield from ((reach.does(numbers[pose], pose), pose) for pose in islice(around, ASKED))
+        yield from ((reach.cost_of(numbers[pose], pose), pose) for pose in islice(around, ASKED))
 
     def approach_poses(of: Target) -> Iterable[Pose]:
         place = of.place if isinstance(of, TaskObject) else of.name

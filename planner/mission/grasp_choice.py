@@ -18,7 +18,13 @@ from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import ANY_LEVEL, Levels
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.arm_motions import ArmMotion, FreeArm, plan_action
-from semmap.manipulation.automata import automaton_of, class_automaton, reachable_rows, stored_arm
+from semmap.manipulation.automata import (
+    automaton_of,
+    class_automaton,
+    quickest_first,
+    reachable_rows,
+    stored_arm,
+)
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places, place_of
 from semmap.manipulation.practice import NOT_HELD, practise, try_place
@@ -129,6 +135,7 @@ class GraspChooser:
                 if not rows:
                     reason = f"touches something at each of {len(reached)} grasps"
                     return self._none(f"{item}: the arm of {automaton} {reason}")
+            rows = quickest_first(rows, arm)
         rows = self._placeable_first(item, target, rows, at)
         rows.sort(key=lambda row: row["action_id"] in self.failed)
         choices = self._choices(item, target, rows)
@@ -157,9 +164,10 @@ class GraspChooser:
         planned = choice.refusal is None and choice.action is not None
         if not planned or target is None or spot is None or self.motion_seconds is None:
             return choice
-        if self.arm is None or self._is_at(target):
+        arm = self.arm
+        if arm is None or self._is_at(target):
             return choice
-        return self._put(item, grasp, target, spot, choice)
+        return self._put(item, grasp, target, spot, choice, arm)
 
     def _place(self, item: str, grasp: int, stands: Pose | None) -> Choice:
         """The best place that ends a grasp, without a motion."""
@@ -257,7 +265,9 @@ class GraspChooser:
             f"{item}: {clock.spent} without a free motion of {automaton} to {looked} grasps"
         )
 
-    def _put(self, item: str, grasp: int, target: str, spot: Pose, choice: Choice) -> Choice:
+    def _put(
+        self, item: str, grasp: int, target: str, spot: Pose, choice: Choice, arm: Arm
+    ) -> Choice:
         """The place at the first spot to which the arm brings the item; its path is stored."""
         automaton = str(self.hand.automaton)
         clock = _Clock(float(self.motion_seconds or 0))
@@ -268,13 +278,13 @@ class GraspChooser:
             gripper=self.hand.gripper,
             grasps=[grasp],
             towards=(spot.x, spot.y),
-            arm=self.arm,
+            arm=arm,
             base=self.base,
             limit=SPOTS,
             levels=self.levels,
         )
         looked = 0
-        for row in found.rows:
+        for row in quickest_first(found.rows, arm):
             if clock.left <= 0:
                 break
             seconds = min(clock.left, MOTION)

@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.arrays import Floats
-from semmap.manipulation.collision import Obstacles, convex_body, placed, touch
+from semmap.manipulation.collision import (
+    Obstacles,
+    PlacedObstacles,
+    convex_body,
+    placed,
+    touch,
+)
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library, mujoco_pose
 from semmap.manipulation.gripper import Gripper
@@ -25,6 +31,9 @@ ITERATIONS = 60
 STARTS = 16
 """Iterations of one attempt of inverse kinematics, and attempts from different positions."""
 
+
+TURNING, SLIDING = 1.0, 0.1
+"""Radians and metres a second that joints move at most: near people, robots stay below limits."""
 
 FREEDOMS = 6
 """Directions in which a body moves and turns."""
@@ -94,6 +103,22 @@ class Arm:
         """The position (D,) of the joints at rest, within their limits."""
         given = [self.state.get(j.name, 0.0) for j in self.joints]
         return np.clip(given, self.low, self.high)
+
+    def position(self, named: Mapping[str, float]) -> Floats:
+        """The position (D,) where the joints are as `named`; KeyError without one of them."""
+        return np.array([named[joint.name] for joint in self.joints])
+
+    def seconds(self, start: Floats, end: Floats) -> float:
+        """How long the joint takes that moves longest from one position (D,) straight to another.
+
+        A motion around obstacles takes longer.
+        """
+        return float((np.abs(end - start) / self._speeds).max())
+
+    @cached_property
+    def _speeds(self) -> Floats:
+        usual = np.where(self._axes[0], SLIDING, TURNING)
+        return np.minimum(usual, [joint.velocity for joint in self.joints])
 
     def grasp_pose(self, position: Floats) -> Floats:
         """The pose (4, 4) of the grasp frame in the robot's frame."""
@@ -277,7 +302,7 @@ class Arm:
     def is_free(
         self,
         position: Floats,
-        obstacles: Obstacles,
+        obstacles: Obstacles | PlacedObstacles,
         *,
         fingers: Mapping[str, float] | None = None,
         held: tuple[Any, Floats] | None = None,

@@ -19,7 +19,7 @@ from semmap.arrays import Floats
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.automata import stored_arm
-from semmap.manipulation.collision import Obstacles, convex_body
+from semmap.manipulation.collision import Obstacles, PlacedObstacles, convex_body
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.motion import (
     STEP,
@@ -81,16 +81,16 @@ class FreeArm:
         self._seen, self._arm, self._read = seen, arm, dict[tuple[str, str | None], Obstacles]()
         self._left = ASKED
 
-    def does_one(self, base: Pose, rows: Iterable[dict[str, Any]]) -> bool:
-        """Whether there is one in `rows`; where `ASKED` were none, it is left to missions."""
+    def one(self, base: Pose, rows: Iterable[dict[str, Any]]) -> dict[str, Any] | None:
+        """The first in `rows`; where `ASKED` were none, it is left to missions."""
         for row in rows:
             if not self._left:
-                return True
+                return row
             self._left -= 1
             if any(True for _ in self.rows(base, [row])):
                 self._left = ASKED
-                return True
-        return False
+                return row
+        return None
 
     def rows(self, base: Pose, rows: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
         """Those of some grasps or places of one object, in order, from where a base stands."""
@@ -101,7 +101,10 @@ class FreeArm:
                 made = planner.place(row)[0], lambda _: []  # an empty hand gets off
             made = made or planner.grasp(row)
             strokes, back = made
-            ways = free_strokes(self._arm, planner.start, strokes(row))
+            first, *others = strokes(row)
+            if not is_free(self._arm, planner.start, first):
+                continue
+            ways = free_strokes(self._arm, planner.start, [first, *others])
             ends = (after[-1][-1] if after else before for before, after in ways)
             if any(planner.gets_off(end, back(row)) is not None for end in ends):
                 yield row
@@ -179,28 +182,30 @@ class _Planner(NamedTuple):
         begun = time.perf_counter()
         return cls(seen, "", arm, base.matrix, inverse, arm.rest(), begun, read)
 
-    def local(self, triangles: Floats) -> Floats:
-        """Triangles of the map in the robot's frame."""
-        moved: Floats = triangles @ self.inverse[:3, :3].T + self.inverse[:3, 3]
-        return moved
-
     def pose(self, row: dict[str, Any], key: str) -> Floats:
         """A pose (4, 4) of an action in the robot's frame; at contact if it has none of the key."""
         pose: Floats = self.inverse @ (row[key] or row["pose"]).matrix
         return pose
 
-    def around(self, entity: str, without: str | None = None) -> Obstacles:
-        """The obstacles around an object, in the robot's frame."""
+    def around(self, entity: str, without: str | None = None) -> PlacedObstacles:
+        """The obstacles around an object."""
         key = entity, without
         if key not in self.read:
             self.read[key] = obstacles_around(self.seen, entity, AROUND, without=without)
-        return Obstacles(self.local(self.read[key].triangles))
+        return PlacedObstacles([self.read[key]], self.inverse)
+
+    def itself(self, entity: str) -> Obstacles:
+        """An object as an obstacle."""
+        key = entity, ""
+        if key not in self.read:
+            self.read[key] = Obstacles(entity_triangles(self.seen, entity))
+        return self.read[key]
 
     def grasp(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
         """The open gripper takes the object, whose convex hull is a part of it on the way back."""
         around = self.around(first["entity"])
-        triangles = entity_triangles(self.seen, first["entity"])
-        room, body = around.joined(self.local(triangles)), convex_body(triangles.reshape(-1, 3))
+        item = self.itself(first["entity"])
+        room, body = around.joined(item), convex_body(item.triangles.reshape(-1, 3))
 
         def strokes(row: dict[str, Any]) -> list[Stroke]:
             return [
@@ -231,7 +236,7 @@ class _Planner(NamedTuple):
 
         def back(row: dict[str, Any]) -> list[Stroke]:
             corners = row["spot"].apply(mesh.vertices)
-            stands = self.local(corners[np.asarray(mesh.faces)])
+            stands = Obstacles(corners[np.asarray(mesh.faces)])
             return [Stroke(self.rest, around.joined(stands))]
 
         return strokes, back
@@ -239,7 +244,7 @@ class _Planner(NamedTuple):
     def push(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
         """The closed gripper pushes the object, and stays there."""
         around = self.around(first["entity"])
-        room = around.joined(self.local(entity_triangles(self.seen, first["entity"])))
+        room = around.joined(self.itself(first["entity"]))
 
         def strokes(row: dict[str, Any]) -> list[Stroke]:
             fingers = self.arm.gripper.postures[-1] | (row["posture"] or {})

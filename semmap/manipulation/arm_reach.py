@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from itertools import islice, product
 from typing import Any
@@ -25,7 +25,14 @@ from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import LevelPatch, support_surfaces
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.arm_motions import FreeArm
-from semmap.manipulation.automata import STARTS, Reach, facing_first, way_of
+from semmap.manipulation.automata import (
+    STARTS,
+    Reach,
+    cost_of,
+    facing_first,
+    quickest_first,
+    way_of,
+)
 from semmap.manipulation.places import PutDowns
 from semmap.manipulation.placing import spots_on
 from semmap.manipulation.stances import Stances
@@ -70,14 +77,17 @@ LIFT = 0.1
 
 
 class ArmReach(ABC):
-    """From which bases an arm acts on an object; poses are in the map's frame."""
+    """From which bases an arm acts on an object; poses are in the map's frame.
+
+    A base costs as much as the action that costs least from there (`automata.cost_of`).
+    """
 
     def __init__(self, arm: Arm) -> None:
         self.arm, self._reach, self._stances = arm, Reach(arm), Stances(arm)
 
     @abstractmethod
-    def acts(self, base: Pose) -> bool:
-        """Whether the arm acts on the object from a base."""
+    def cost(self, base: Pose) -> float | None:
+        """What it costs from a base; None if the arm does not act on the object from there."""
 
     @abstractmethod
     def actions(self) -> Sequence[dict[str, Any]]:
@@ -86,13 +96,14 @@ class ArmReach(ABC):
     def stances(self, floor: float) -> tuple[Floats, NDArray[np.intp]]:
         """(N, 3) x, y and yaw of bases from which some actions are done, and (N,) which ones.
 
-        Whether the arm gets there from exactly there is left to `does`.
+        Whether the arm gets there from exactly there is left to `cost_of`.
         """
         return self._stances.bases([way_of(row) for row in self.actions()], floor)
 
-    def does(self, number: int, base: Pose) -> bool:
-        """Whether the arm gets along one of `actions`."""
-        return self._reach.along(self.actions()[number], base) is not None
+    def cost_of(self, number: int, base: Pose) -> float | None:
+        """What one of `actions` costs from a base; None if the arm does not get along it."""
+        position = self._reach.along(self.actions()[number], base)
+        return None if position is None else cost_of(self.actions()[number], self.arm, position)
 
     @property
     def side(self) -> str:
@@ -130,29 +141,34 @@ class GraspReach(ArmReach):
         """The free grasps, some of each family."""
         return self._some
 
-    def does(self, number: int, base: Pose) -> bool:
-        """Whether the arm gets along one of `actions`, and touches nothing."""
-        gets_there = super().does(number, base)
-        if not gets_there or not self._hand_free:
-            return gets_there
-        return self._arm_around.does_one(base, [self.actions()[number]])
+    def cost_of(self, number: int, base: Pose) -> float | None:
+        """What one of `actions` costs; None if the arm does not get along it, or touches."""
+        cost = super().cost_of(number, base)
+        if cost is None or not self._hand_free:
+            return cost
+        return cost if self._arm_around.one(base, [self.actions()[number]]) else None
 
-    def acts(self, base: Pose) -> bool:
-        """Whether the arm takes the object from a base."""
-        first = list(islice(self._reached(self._rows, base), FEW))
+    def cost(self, base: Pose) -> float | None:
+        """What taking the object costs from a base; None if the arm does not take it."""
+        first = self._reached(self._rows, base, FEW)
         if not first or self._beneath:
-            return bool(first)
+            return first[0]["cost"] if first else None
         free = [row for row, each in zip(first, self._around.free(first), strict=True) if each]
-        if free and self._arm_around.does_one(base, free):
-            return True
-        if not self._hand_free:
-            return True
-        some = islice(self._reached(self._hand_free, base), MET)
-        return self._arm_around.does_one(base, some)
+        taken = self._arm_around.one(base, free)
+        if taken is None and self._hand_free:
+            taken = self._arm_around.one(base, self._reached(self._hand_free, base, MET))
+            return None if taken is None else float(taken["cost"])
+        return float((taken or first[0])["cost"])
 
-    def _reached(self, some: Sequence[dict[str, Any]], base: Pose) -> Iterator[dict[str, Any]]:
+    def _reached(
+        self, some: Sequence[dict[str, Any]], base: Pose, most: int
+    ) -> list[dict[str, Any]]:
+        """Some grasps that the arm reaches from a base, with their `cost`, the least first."""
         turns = _by_turns(facing_first(some, base))
-        return (row for row in turns if self._reach.along(row, base) is not None)
+        every = ((row, self._reach.along(row, base)) for row in turns)
+        reached = ((row, position) for row, position in every if position is not None)
+        found = [row | {"cost": cost_of(row, self.arm, at)} for row, at in islice(reached, most)]
+        return sorted(found, key=lambda row: float(row["cost"]))
 
 
 def _by_turns(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -191,21 +207,23 @@ class PutReach(ArmReach):
     def _ways(self) -> list[dict[str, Any]]:
         return [way | {"put": put} for put in self._puts for way in put[0].ways(put[1], PUTS)]
 
-    def does(self, number: int, base: Pose) -> bool:
-        """Whether the arm gets along one of `actions`, and nothing touches anything."""
+    def cost_of(self, number: int, base: Pose) -> float | None:
+        """What one of `actions` costs; None if the arm does not get along it, or touches."""
         way = self.actions()[number]
         there, ends = way["put"]
-        if not super().does(number, base) or not there.is_free(ends, way):
-            return False
-        return self._arm_around.does_one(base, [way])
+        cost = super().cost_of(number, base)
+        if cost is None or not there.is_free(ends, way):
+            return None
+        return cost if self._arm_around.one(base, [way]) else None
 
-    def acts(self, base: Pose) -> bool:
-        """Whether the arm puts one of the objects down from a base."""
-        found = (
-            there.rows(ends, PLACES, arm=self.arm, base=base, most=REACHED)[0]
-            for there, ends in self._puts
-        )
-        return any(self._arm_around.does_one(base, rows) for rows in found)
+    def cost(self, base: Pose) -> float | None:
+        """What putting one of the objects down costs; None if the arm puts none down."""
+        for there, ends in self._puts:
+            rows, _ = there.rows(ends, PLACES, arm=self.arm, base=base, most=REACHED)
+            put = self._arm_around.one(base, quickest_first(rows, self.arm))
+            if put is not None:
+                return cost_of(put, self.arm, self.arm.position(put["position"]))
+        return None
 
 
 class SurfaceReach(ArmReach):
@@ -231,14 +249,16 @@ class SurfaceReach(ArmReach):
         inner = [_spots(level, inside=INSIDE) for level in self._surfaces]
         return [row for spots in inner for row in _put_downs(spots, self.arm)]
 
-    def acts(self, base: Pose) -> bool:
-        """Whether the arm gets over one of the spots that are nearest to a base."""
+    def cost(self, base: Pose) -> float | None:
+        """What it costs to get over a spot near a base; None if the arm gets over none."""
         for level in self._levels:
             spots = base.inverse().apply(level)
             nearest = np.argsort(np.linalg.norm(spots[:, :2], axis=1), kind="stable")[:SPOTS]
-            if any(_reaches_over(self.arm, spot) for spot in spots[nearest]):
-                return True
-        return False
+            for spot in spots[nearest]:
+                position = _reaches_over(self.arm, spot)
+                if position is not None:
+                    return cost_of({}, self.arm, position)
+        return None
 
 
 def _put_downs(spots: Floats, arm: Arm) -> list[dict[str, Any]]:
@@ -279,8 +299,11 @@ def _spots(surface: LevelPatch, inside: float = 0.0) -> Floats:
     return np.column_stack([spots, np.full(len(spots), surface.height)])
 
 
-def _reaches_over(arm: Arm, spot: Floats) -> bool:
-    """Whether the grasp frame gets above a spot (3,), robot's frame, in a usual direction."""
+def _reaches_over(arm: Arm, spot: Floats) -> Floats | None:
+    """The position (D,) that brings the grasp frame above a spot (3,), robot's frame; else None.
+
+    In a usual direction.
+    """
     heading = math.degrees(math.atan2(spot[1], spot[0]))
     angles = [(heading, down, turn) for down in DOWN for turn in TURN]
     ways = Rotation.from_euler("ZYZ", angles, degrees=True).as_matrix()
@@ -290,6 +313,7 @@ def _reaches_over(arm: Arm, spot: Floats) -> bool:
         if arm.is_far(pose[:3, 3]) or not arm.reaches_point(pose[:3, 3], starts=STARTS):
             continue
         for pose[:3, :3] in ways:
-            if arm.reach(pose, starts=STARTS) is not None:
-                return True
-    return False
+            position = arm.reach(pose, starts=STARTS)
+            if position is not None:
+                return position
+    return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,9 @@ STARTS = 4
 
 CUBE = 0.05
 """Edge of a cube in which the arm reaches no point as far away as one that it missed, metres."""
+
+LEAST = 0.05
+"""The least share of successes that is expected of an action."""
 
 WAY = ("pre_pose", "pose", "end", "post_pose")
 """The poses of the gripper in an action, in the order in which it takes them."""
@@ -63,9 +66,10 @@ def register_robot(
     chosen = name or found.robot.name
     with session.transaction():
         hand = register_gripper(session, urdf, f"{chosen}_gripper", palm=palm, preferred=False)
+        device = _device_name(session, chosen)
         add_device(
             session,
-            chosen,
+            device,
             "robot",
             urdf=urdf.read_text("utf-8"),
             source=urdf.resolve(),
@@ -81,8 +85,14 @@ def register_robot(
                 capabilities=CAPABILITIES[sensor.kind],
             )
         eye = f"{chosen}/{sensors[0].name}" if sensors else None
-        add_automaton(session, chosen, chosen, hand, eye, posture)
+        add_automaton(session, chosen, device, hand, eye, posture)
     return chosen
+
+
+def _device_name(session: Session, robot: str) -> str:
+    """The name of a robot as a device: a gripper read from the same URDF may have the robot's."""
+    row = session.execute("SELECT kind FROM device WHERE name = %s", (robot,)).fetchone()
+    return robot if row is None or row[0] == "robot" else f"{robot}_robot"
 
 
 def _check_posture(robot: Robot, posture: Mapping[str, float]) -> None:
@@ -227,6 +237,20 @@ def reachable_rows(
         if len(found) == limit:
             break
     return found
+
+
+def cost_of(row: dict[str, Any], arm: Arm, position: Floats) -> float:
+    """Seconds of the arm straight from how it is carried to where an action begins, by its chance.
+
+    The chance is the share of successes that is expected, of a place also that of its grasp.
+    """
+    chance = float(row.get("expected", 1.0) * row.get("grasp_expected", 1.0))
+    return arm.seconds(arm.rest(), position) / max(chance, LEAST)
+
+
+def quickest_first(rows: Iterable[dict[str, Any]], arm: Arm) -> list[dict[str, Any]]:
+    """Rows of `reachable_rows`, those first that cost least (`cost_of`)."""
+    return sorted(rows, key=lambda row: cost_of(row, arm, arm.position(row["position"])))
 
 
 def way_of(row: dict[str, Any]) -> list[Floats]:

@@ -82,12 +82,15 @@ class Obstacles:
 
     def touched_by(self, bodies: Sequence[Any], poses: Sequence[Floats]) -> bool:
         """Whether any of the bodies, each at its pose (4, 4), touches a triangle."""
-        return len(self) > 0 and any(
-            touch(placed(body, pose), self._body) for body, pose in zip(bodies, poses, strict=True)
-        )
+        return len(self) > 0 and _touched(self._placed, bodies, poses)
 
     @cached_property
-    def _body(self) -> Any:
+    def _placed(self) -> Any:
+        return library("fcl").CollisionObject(self.body)
+
+    @cached_property
+    def body(self) -> Any:
+        """The triangles as a body of FCL."""
         fcl = library("fcl")
         corners = self.triangles.reshape(-1, 3)
         faces = np.arange(len(corners)).reshape(-1, 3)
@@ -95,7 +98,29 @@ class Obstacles:
         model.beginModel(len(corners), len(faces))
         model.addSubModel(corners, faces)
         model.endModel()
-        return fcl.CollisionObject(model)
+        return model
+
+
+class PlacedObstacles:
+    """Obstacles `parts` whose frame is at a pose (4, 4) of another one, such as that of a robot."""
+
+    def __init__(self, parts: Sequence[Obstacles], pose: Floats) -> None:
+        self.parts, self.pose = tuple(parts), pose
+        self._placed = [placed(part.body, pose) for part in self.parts if len(part)]
+
+    def joined(self, other: Obstacles) -> PlacedObstacles:
+        """These and others in the same frame."""
+        return PlacedObstacles([*self.parts, other], self.pose)
+
+    def touched_by(self, bodies: Sequence[Any], poses: Sequence[Floats]) -> bool:
+        """Whether any of the bodies, each at its pose (4, 4) in the other frame, touches one."""
+        return any(_touched(part, bodies, poses) for part in self._placed)
+
+
+def _touched(obstacle: Any, bodies: Sequence[Any], poses: Sequence[Floats]) -> bool:
+    return any(
+        touch(placed(body, pose), obstacle) for body, pose in zip(bodies, poses, strict=True)
+    )
 
 
 def free_grasps(

@@ -11,7 +11,7 @@ import numpy as np
 
 from semmap.arrays import Floats
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.collision import Obstacles
+from semmap.manipulation.collision import Obstacles, PlacedObstacles
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library
 
@@ -45,7 +45,7 @@ class Stroke(NamedTuple):
     pose: Floats
     """(4, 4) of the grasp frame at its end, in the robot's frame."""
 
-    obstacles: Obstacles
+    obstacles: Obstacles | PlacedObstacles
     """In the robot's frame: obstacles that must not be touched meanwhile."""
 
     fingers: Mapping[str, float] | None = None

@@ -33,7 +33,10 @@ MOVING = ("revolute", "continuous", "prismatic", "planar", "floating")
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint; `axis` in the frame of its child, `limits` in radians or metres."""
+    """A joint; `axis` in the frame of its child, `limits` in radians or metres.
+
+    `velocity` is its limit in those a second, infinite where the URDF states none above 0.
+    """
 
     name: str
     type: str
@@ -42,6 +45,7 @@ class Joint:
     axis: tuple[float, float, float]
     limits: tuple[float, float]
     mimics: str | None = None
+    velocity: float = math.inf
 
     @property
     def moves(self) -> bool:
@@ -298,8 +302,10 @@ def _joint(read: Any, path: Path) -> Joint:
     if read.mimic is not None:
         mimics = str(read.mimic.joint)
         _numbers((read.mimic.multiplier, read.mimic.offset), 2, error, "mimic")
+    stated = 0.0 if read.limit is None else float(read.limit.velocity or 0.0)
+    velocity = stated if stated > 0 else math.inf
     x, y, z = axis.tolist()
-    return Joint(read.name, read.type, read.parent, read.child, (x, y, z), limits, mimics)
+    return Joint(read.name, read.type, read.parent, read.child, (x, y, z), limits, mimics, velocity)
 
 
 def _ordered(joints: list[Joint], base: str) -> tuple[Joint, ...]:

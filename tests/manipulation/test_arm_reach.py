@@ -60,10 +60,10 @@ def build_wall(cups: Map) -> None:
 
 @pytest.mark.parametrize("reach", [taking, putting])
 def test_no_base_behind_a_wall(cups: Map, here: Any, reach: Callable[[Any], ArmReach]) -> None:
-    assert reach(here).acts(BASE)
-    assert not reach(here).acts(Pose.planar(3.5, 1.0, 0.0))
+    assert reach(here).cost(BASE) is not None
+    assert reach(here).cost(Pose.planar(3.5, 1.0, 0.0)) is None
     build_wall(cups)
-    assert not reach(here).acts(BASE)
+    assert reach(here).cost(BASE) is None
 
 
 def test_the_wall_leaves_the_hand_free(cups: Map, here: Any) -> None:
@@ -79,7 +79,7 @@ def test_a_base_that_is_planned_for_a_place_does_it(cups: Map, here: Any) -> Non
     """Where plans say that the cup is put down, places are found and are as many as asked for."""
     arm = stored_arm(here, "panda")[1]
     there = putting(here)
-    said = [there.acts(base) for base in (BASE, Pose.planar(3.6, 0.3, 0, 0.7))]
+    said = [there.cost(base) is not None for base in (BASE, Pose.planar(3.6, 0.3, 0, 0.7))]
     found = [
         find_places(
             seen_by(here), "cup1", "table", gripper="panda_gripper", arm=arm, base=base, limit=1
