@@ -15,7 +15,7 @@ from planner.route_search import seconds_between
 from planner.routing_graph import RoutingGraph
 from planner.tasks.candidate_pruning import prune
 from planner.tasks.domain_file import Domain
-from planner.tasks.goal import Goal
+from planner.tasks.goal import ROBOT, Atom, Goal
 from planner.tasks.goal_objects import find_surfaces, find_wanted, resolve_words
 from planner.tasks.problem import NoPlanError, Problem
 from planner.tasks.problem_draft import ProblemDraft
@@ -58,6 +58,34 @@ def build_problem(
     problem.finals = draft.finals
     _add_travel_times(draft)
     return problem
+
+
+def is_reached(graph: RoutingGraph, world: TaskWorld, state: TaskState, goal: Goal) -> bool:
+    """Whether a goal that names one thing by each of its words is reached.
+
+    Where it is not sure, as of goals that any of several things reaches, the answer is no. Raises
+    what `build_problem` does for words.
+    """
+    sites = Sites(graph, world, state.place, state.pose, None)
+    problem = Problem(goal, state, graph.robot.capacity, 0.0, 0.0)
+    draft = ProblemDraft(graph, world, sites, problem)
+    _add_held(problem, world)
+    resolve_words(problem, world, graph.topology)
+    if any(len(names) > 1 for names in problem.candidates.values()):
+        return False
+    return all(_is_true(draft, atom) for atom in goal.atoms)
+
+
+def _is_true(draft: ProblemDraft, atom: Atom) -> bool:
+    problem = draft.problem
+    if atom.relation == "carries":
+        return problem.candidates.get(atom.words[1], [""])[0] in problem.held
+    if atom.relation not in ("on", "in"):
+        return False
+    word, target = atom.words
+    if word.text == ROBOT:
+        return problem.regions[target] == [problem.state.place]
+    return draft.satisfied(word, problem.candidates[word][0])
 
 
 def _add_held(problem: Problem, world: TaskWorld) -> None:

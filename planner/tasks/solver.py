@@ -27,7 +27,7 @@ from planner.tasks.goal import ROBOT, Goal, parse_goal
 from planner.tasks.lower_bound import lower_bound
 from planner.tasks.plan_expansion import TaskEvent, expand_plan
 from planner.tasks.problem import NoPlanError, Problem, join_reasons, milliseconds
-from planner.tasks.problem_builder import build_problem
+from planner.tasks.problem_builder import build_problem, is_reached
 from planner.tasks.sites import ApproachPosesOf
 from planner.tasks.world import TaskState, TaskWorld
 
@@ -69,6 +69,8 @@ def find_plan(
     """
     if isinstance(goal, str):
         goal = parse_goal(goal, domain.relations if domain else ())
+    if is_reached(graph, world, state, goal):
+        return Plan(goal.text, (), 0.0, 0.0)
     problem = build_problem(graph, world, state, goal, domain=domain, approach_poses=approach_poses)
     events, meant, proven = solve(problem, patience, graph)
     plan = expand_plan(graph, problem, events, meant)
