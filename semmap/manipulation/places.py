@@ -7,9 +7,11 @@ The spot on the support is found each time, since it depends on the objects ther
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,7 @@ from semmap.arrays import Floats
 from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
-from semmap.geometry.surfaces import ANY_LEVEL, Levels
+from semmap.geometry.surfaces import ANY_LEVEL, LevelPatch, Levels
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.automata import WAY, Reach, facing_first, reachable_rows
@@ -89,7 +91,10 @@ class PutDowns:
     def _candidates(self, at: Sequence[Floats] | None = None) -> list[PlacePose]:
         """The free spots, without those inside of what is shut."""
         around = self._obstacles.triangles
-        spots = place_candidates(self.vertices, self.upright, self.surfaces, around, at=at)
+        if at is None:
+            spots = [*_free_spots(_Support.of(self.vertices, self.upright, self.surfaces, around))]
+        else:
+            spots = place_candidates(self.vertices, self.upright, self.surfaces, around, at=at)
         if not is_shut(self.seen, self.on):
             return spots
         inside = covered(spots, self.surfaces, self._triangles)
@@ -170,6 +175,34 @@ class PutDowns:
             free = _FreePlaces(places, self.gripper, around, vertices, inside, box)
             self._last = places, spots, free
         return self._last[2]
+
+
+@dataclass(frozen=True)
+class _Support:
+    """What the free spots for an object depend on, and its digest, which tells two apart."""
+
+    digest: bytes
+    vertices: Floats = field(compare=False)
+    upright: Floats = field(compare=False)
+    surfaces: Sequence[LevelPatch] = field(compare=False)
+    around: Floats = field(compare=False)
+
+    @classmethod
+    def of(
+        cls, vertices: Floats, upright: Floats, surfaces: Sequence[LevelPatch], around: Floats
+    ) -> _Support:
+        digest = hashlib.sha256()
+        for array in (vertices, upright, around):
+            digest.update(np.ascontiguousarray(array).data)
+        for surface in surfaces:
+            digest.update(surface.outline.wkb + np.float64(surface.height).tobytes())
+        return cls(digest.digest(), vertices, upright, surfaces, around)
+
+
+@lru_cache(maxsize=16)
+def _free_spots(on: _Support) -> list[PlacePose]:
+    """The free spots, kept: plans and missions ask for them again and again."""
+    return place_candidates(on.vertices, on.upright, on.surfaces, on.around)
 
 
 def find_places(
