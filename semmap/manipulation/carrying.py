@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -18,8 +19,8 @@ DRAWN = 1000
 FLOOR = 0.05
 """Metres above the floor that all of the arm stays."""
 
-ITEM = 0.04
-"""Radius of the smallest ball for which there must be room in the gripper, metres."""
+ROOM = (0.12, 0.08, 0.04)
+"""Radii of balls for which there is room in the gripper, if possible for the first, metres."""
 
 
 def folded_posture(first: Gripper) -> dict[str, float]:
@@ -35,24 +36,28 @@ def folded_posture(first: Gripper) -> dict[str, float]:
 def carrying_posture(arm: Arm) -> dict[str, float]:
     """Positions of an arm's joints with which a robot can drive, by name, radians or metres.
 
-    Of random postures in which the arm, with a ball in its gripper, touches nothing of the robot,
-    the one nearest to the robot's vertical axis; at rest where all touch something. Joints that
-    the state of the arm has stay there.
+    Of random postures in which the arm, with a large ball in its gripper, touches nothing of the
+    robot, the one nearest to the robot's vertical axis; with a smaller ball where all touch
+    something, and at last at rest. Joints that the state of the arm has stay there.
     """
     random = np.random.default_rng(0)
     drawn = random.uniform(arm.low, arm.high, (DRAWN, len(arm.low)))
     held = [i for i, joint in enumerate(arm.joints) if joint.name in arm.state]
     drawn[:, held] = arm.rest()[held]
-    ball = _ball(max(ITEM, arm.gripper.opening / 2))
-    nothing = Obstacles(np.empty((0, 3, 3)))
-    postures = [arm.rest(), *drawn]
-    for number in np.argsort([_reach(arm, each, ball) for each in postures], kind="stable"):
-        posture = postures[number]
-        if arm.is_free(posture, nothing, held=(convex_body(ball), np.eye(4))):
-            break
-    else:
-        posture = arm.rest()
-    return dict(zip((j.name for j in arm.joints), posture.round(4).tolist(), strict=True))
+    some = [arm.rest(), *drawn]
+    balls = [_ball(max(radius, arm.gripper.opening / 2)) for radius in ROOM]
+    free = (posture for ball in balls for posture in _free_with(arm, some, ball))
+    chosen = next(free, arm.rest())
+    return dict(zip((j.name for j in arm.joints), chosen.round(4).tolist(), strict=True))
+
+
+def _free_with(arm: Arm, postures: Sequence[Floats], ball: Floats) -> Iterator[Floats]:
+    """The postures in which an arm with a ball touches nothing, the nearest to the axis first."""
+    nothing, held = Obstacles(np.empty((0, 3, 3))), (convex_body(ball), np.eye(4))
+    away = np.array([_reach(arm, posture, ball) for posture in postures])
+    for number in np.argsort(away, kind="stable"):
+        if np.isfinite(away[number]) and arm.is_free(postures[number], nothing, held=held):
+            yield postures[number]
 
 
 def _ball(radius: float) -> Floats:
