@@ -36,6 +36,16 @@ class Command:
         Expected duration.
     camera
         For look: the pose of the camera, in the map's frame: x ahead, z up.
+    action
+        For pickup and place: the id of the stored action that the robot does (`Map.grasps`), if
+        one is known; determined when the command begins.
+    motion
+        For pickup and place by a robot whose arm is known: how the arm moves; determined with the
+        action. It has the `joints`, the fingers' `width` in metres around the object, the `pose` of
+        the grasp frame where the fingers close or open, in the map's frame, and in order the
+        `ways`: positions of the joints, radians or metres, (N, D) each. A pickup has the ways to
+        where the approach begins, to the grasp, and back to how the arm is carried; a place those
+        to where the object goes down, to its spot, off it, and back.
     """
 
     behaviour: str
@@ -45,6 +55,8 @@ class Command:
     spot: Pose | None = None
     seconds: float = 0.0
     camera: Pose | None = None
+    action: int | None = None
+    motion: Mapping[str, Any] | None = None
 
     def __str__(self) -> str:
         return f"{self.behaviour}({', '.join(self.arguments)})"
@@ -81,8 +93,9 @@ class Command:
     def as_json(self) -> dict[str, Any]:
         """As plain values, from which `of_json` makes it again."""
         value = asdict(self)
-        if self.camera is None:
-            del value["camera"]
+        for name in ("camera", "action", "motion"):
+            if value[name] is None:
+                del value[name]
         if self.step is not None and not self.step.bends:
             del value["step"]["bends"]
         if self.step is not None and self.step.connector is not None:
@@ -108,7 +121,8 @@ class Command:
         at, spot = _pose(value["at"]), _pose(value["spot"])
         camera = _pose(value.get("camera"))
         arguments = tuple(value["arguments"])
-        return cls(value["behaviour"], arguments, step, at, spot, value["seconds"], camera)
+        own = {name: value.get(name) for name in ("action", "motion")}
+        return cls(value["behaviour"], arguments, step, at, spot, value["seconds"], camera, **own)
 
 
 def commands_of(plan: Plan) -> list[Command]:

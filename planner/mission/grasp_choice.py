@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from planner.mission.behaviours import Outcome
+from planner.mission.command import Command
 from planner.readers.grasp_check import assumption
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import ANY_LEVEL, Levels
@@ -65,7 +66,14 @@ class Choice:
     refusal: Outcome | None = None  # of a step that cannot begin
     tried: bool = False  # a trial in simulation decided
     spot: Pose | None = None  # where else the object is put down, map's frame
+    motion: ArmMotion | None = None  # how the arm does it
     decided: frozenset[int] = frozenset()  # actions that trials decided on
+
+    def of(self, command: Command) -> Command:
+        """The command with what was chosen for it."""
+        motion = None if self.motion is None else self.motion.as_json()
+        spot = self.spot or command.spot
+        return replace(command, spot=spot, action=self.action, motion=motion)
 
 
 def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | None = None) -> Hand:
@@ -257,7 +265,8 @@ class GraspChooser:
             except ManipulationError as error:
                 return self._none(f"{item}: {error}")
             if motion is not None:
-                return replace(choice, note=f"{choice.note}; {_told(motion)}")
+                note = f"{choice.note}; {_told(motion)}"
+                return replace(choice, note=note, motion=motion)
             looked += 1
             if clock.left <= 0:
                 break
@@ -294,7 +303,8 @@ class GraspChooser:
                 return Choice(refusal=Outcome("unable", f"{item}: {error}"))
             if motion is not None:
                 note = "; ".join(filter(None, (choice.note, _told(motion))))
-                return replace(choice, action=int(row["action_id"]), note=note, spot=row["spot"])
+                action, spot = int(row["action_id"]), row["spot"]
+                return replace(choice, action=action, note=note, spot=spot, motion=motion)
             looked += 1
         places = f"{looked} places on {target}"
         reason = f"{clock.spent} without a free motion of {automaton} to {places}"

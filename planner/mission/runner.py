@@ -314,8 +314,7 @@ class _Attempt:
         self._event("starts", index)
         choice = self._store.start(self._mission, number, command)
         self._note = choice.note
-        if choice.spot is not None:
-            command = self._commands[index] = replace(command, spot=choice.spot)
+        command = self._commands[index] = choice.of(command)
         self._event("started", index)
         act = getattr(behaviours, command.behaviour, None)
         if choice.refusal is not None:

@@ -68,6 +68,16 @@ class ArmMotion:
     reused: bool
     seconds: float
 
+    def as_json(self) -> dict[str, Any]:
+        """As plain values: `joints`, `width`, `pose` of the grasp frame in the map, and `ways`."""
+        ways = (self.to_pre_grasp, self.approach, self.after, self.back)
+        return {
+            "joints": [*self.joints],
+            "width": self.row["width"],
+            "pose": self.row["pose"].row,
+            "ways": [way.round(5).tolist() for way in ways if len(way)],
+        }
+
 
 class FreeArm:
     """Which actions an arm does without touching anything; what is around is read once.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -222,8 +222,8 @@ class MissionStore(MissionList):
                 put = connection.execute(text(_PUT), values).scalar()
                 ends = None if put is None else Command.of_json(put)
                 choice = self.grasps.begin(seen, robot, command, ends)
-            chosen = command if choice.spot is None else replace(command, spot=choice.spot)
-            values = {"mission": mission, "number": number, "command": json.dumps(chosen.as_json())}
+            values = {"mission": mission, "number": number}
+            values |= {"command": json.dumps(choice.of(command).as_json())}
             connection.execute(text(_START), values)
             return choice
 
