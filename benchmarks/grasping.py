@@ -30,7 +30,7 @@ from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.evaluation import mismatch
-from semmap.manipulation.gripper import read_gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.ranking import grasp_of_row
 from semmap.manipulation.trial import HEIGHT, Trial, TrialOutcome, body_of
 from tests.manipulation.hollow_things import boxes, cup, mug, plate

@@ -17,7 +17,7 @@ from semmap.ingest.sdf.world_file import read_sdf
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.collision import Obstacles, free_grasps
-from semmap.manipulation.gripper import read_gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.solids import solid_of
 from semmap.manipulation.trial import Trial, body_of
 from semmap.perception.primitives import Primitive

@@ -21,7 +21,8 @@ from semmap.draw.view import ObjectView, StoreyView
 from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.collision import Obstacles, free_grasps
-from semmap.manipulation.gripper import Gripper, read_gripper
+from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.solids import solid_of
 from semmap.manipulation.store.model_shapes import StoredShape
 from semmap.manipulation.surface_grasps import mesh_grasps

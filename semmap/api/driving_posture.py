@@ -72,7 +72,7 @@ def _found(urdf: Path, _changed: int, parts: Path | None) -> DrivingPosture:
     far = f"{name} reaches {radius:.2f} m around the robot"
     try:
         from semmap.manipulation.carrying import folded_posture
-        from semmap.manipulation.gripper import read_gripper
+        from semmap.manipulation.gripper_reader import read_gripper
 
         joints = folded_posture(read_gripper(urdf))
     except (Error, ImportError) as error:

@@ -16,7 +16,8 @@ from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.carrying import folded_posture
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.gripper import Gripper, read_gripper
+from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
 from semmap.manipulation.sensors import CAPABILITIES, read_sensors
 from semmap.manipulation.store.devices import add_automaton, add_device

@@ -11,7 +11,8 @@ from semmap.arrays import Floats
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.collision import Obstacles, convex_body
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.gripper import Gripper, find_grippers
+from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.gripper_reader import find_grippers
 
 DRAWN = 1000
 """Random postures that are considered, beside that at rest."""

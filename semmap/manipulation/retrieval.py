@@ -21,7 +21,8 @@ from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
-from semmap.manipulation.gripper import Gripper, read_gripper
+from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import STORED, actions_on, entities_meant

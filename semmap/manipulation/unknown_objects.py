@@ -21,7 +21,8 @@ from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
-from semmap.manipulation.gripper import Gripper, read_gripper
+from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.reader import actions_by_shape
 from semmap.manipulation.retrieval import (
     gripper_or_urdf,

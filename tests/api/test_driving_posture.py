@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 import semmap
 from semmap.api.driving_posture import driving_posture
 from semmap.manipulation.automata import folded_arm
-from semmap.manipulation.gripper import read_gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.robot import Robot, load_robot, robot_parts
 from tests.command_line import semmap as run
 from tests.robot.robots import by_hand, real_robot

@@ -13,7 +13,7 @@ import yourdfpy
 
 from semmap import Map
 from semmap.geometry.pose import Pose
-from semmap.manipulation.gripper import read_gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER
 from semmap.manipulation.store.model_shapes import model_mesh
 from tests.manipulation.grippers import real_gripper, urdf

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.manipulation.gripper import Gripper, read_gripper
+from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from tests.robot.robots import installed_file
 
 REAL = {

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.gripper import find_grippers, read_gripper
+from semmap.manipulation.gripper_reader import find_grippers, read_gripper
 from tests.manipulation.grippers import BY_HAND, JAW, gripper_by_hand, real_gripper, urdf
 
 

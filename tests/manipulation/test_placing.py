@@ -12,7 +12,7 @@ from semmap.geometry.mesh import box_mesh
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.gripper import read_gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.placing import place_candidates
 from semmap.manipulation.pushing import free_pushes, push_candidates
 from semmap.manipulation.solids import solid_of

@@ -16,7 +16,8 @@ from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.convex_pieces import convex_pieces
 from semmap.manipulation.evaluation import mismatch
 from semmap.manipulation.extra import library
-from semmap.manipulation.gripper import Gripper, read_gripper
+from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.solids import solid_hull, solid_of
 from semmap.manipulation.surface_grasps import (
     SampledSurface,

@@ -24,7 +24,7 @@ from planner.tasks import NoPlanError
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.candidates import grasp_candidates
-from semmap.manipulation.gripper import read_gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.stances import Stances
 from tests.command_line import semmap as command
 from tests.manipulation.grippers import Shape
