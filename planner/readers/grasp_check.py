@@ -179,7 +179,8 @@ class GraspCheck:
         if not grasps:
             number = entity_id(self._seen.session, item)
             excluded = reasons_against(self._seen, "grasp", hand.gripper.kind, [number])
-            wide = misfit(item, self._shape(item), hand.name, hand.gripper.opening)
+            held = hand.gripper
+            wide = misfit(item, self._shape(item), hand.name, held.opening, held.kind)
             why = excluded.get(item, wide)
         elif moved or grasps[0]["pose"] is None:  # it has no pose in the map
             return None

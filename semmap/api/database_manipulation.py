@@ -97,6 +97,8 @@ class DatabaseManipulation:
         *,
         palm: str | None = None,
         prefer: bool | None = None,
+        suction: float | None = None,
+        force: float | None = None,
     ) -> str:
         """Store the gripper of a URDF, for which grasps are stored and generated; return its name.
 
@@ -104,20 +106,26 @@ class DatabaseManipulation:
         ----------
         urdf : of a gripper, or of a robot that has one
         name : by default that of the robot
-        palm : the link that holds the fingers; by default the first one
+        palm : the link that holds the fingers, or that is a suction cup; by default the first one
         prefer : it is meant where no gripper is named; by default the first one that is stored is
+        suction : the gripper is a suction cup whose lip has this radius, metres; by default, where
+            a link is named so and there are no fingers, with the radius of the end of its mesh
+        force : of the vacuum of the suction cup, newtons; by default 60 kPa on its area
 
         Raises
         ------
         ValueError
             The file is not a usable URDF, or has no gripper.
         """
+        from semmap.manipulation.gripper_reader import stated_cup
         from semmap.manipulation.retrieval import register_gripper
 
-        return register_gripper(self.session, Path(urdf), name, palm=palm, preferred=prefer)
+        path = Path(urdf)
+        cup = stated_cup(path, palm, suction, force)
+        return register_gripper(self.session, path, name, palm=palm, preferred=prefer, cup=cup)
 
     def list_grippers(self) -> list[dict[str, Any]]:
-        """The stored grippers: `name`, `form`, `opening`, `depth` (metres), `preferred`, ..."""
+        """The stored grippers: `name`, `form`, `opening`, `depth` (metres), `force`, ..."""
         from semmap.manipulation.reader import list_grippers
 
         return list_grippers(self.session)
@@ -129,6 +137,8 @@ class DatabaseManipulation:
         *,
         palm: str | None = None,
         posture: Mapping[str, float] | str | None = None,
+        suction: float | None = None,
+        force: float | None = None,
     ) -> str:
         """Store a robot with its arm, gripper and sensors, for `robot` of `Map.grasps`.
 
@@ -138,9 +148,10 @@ class DatabaseManipulation:
         ----------
         urdf : of the whole robot
         name : by default that in the URDF; missions of the class of this name use the arm
-        palm : the link that holds the fingers; by default the first one
+        palm : the link that holds the fingers, or that is a suction cup; by default the first one
         posture : positions of joints with which it drives and carries, radians or metres; or
             JSON, a file of it, or a state of its SRDF; by default one near the robot is found
+        suction, force : of a suction cup, metres and newtons, as for `add_gripper`
 
         Raises
         ------
@@ -148,11 +159,13 @@ class DatabaseManipulation:
             The file is not a usable URDF, has no gripper or arm, or cannot take the posture.
         """
         from semmap.manipulation.automata import register_robot
+        from semmap.manipulation.gripper_reader import stated_cup
         from semmap.robot.joint_positions import joints_of
 
         path = Path(urdf)
+        cup = stated_cup(path, palm, suction, force)
         joints = joints_of(path, posture) if isinstance(posture, str) else posture
-        return register_robot(self.session, path, name, palm=palm, posture=joints)
+        return register_robot(self.session, path, name, palm=palm, posture=joints, cup=cup)
 
     def list_manipulators(self, can: Sequence[str] = ()) -> list[dict[str, Any]]:
         """The stored robots with arms: `name`, `gripper`, `sensor`, `sensors`, `capabilities`.

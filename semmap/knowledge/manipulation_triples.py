@@ -70,7 +70,8 @@ def _kinds() -> Iterator[TripleMap]:
     for kind in ("grasp", "place", "push", "turn", "open", "put"):
         names = ("Push", "Turn") if kind == "turn" else (kind.capitalize(),)
         yield from _typed(ACTION, _ACTION, *names, where=f"{{a}}.kind = '{kind}'")
-    for form, name in (("parallel", "Parallel"), ("multi-finger", "MultiFinger")):
+    names = {"parallel": "Parallel", "multi-finger": "MultiFinger", "suction": "Suction"}
+    for form, name in names.items():
         hand = Value("device", "{a}.device_id")
         yield from _typed(GRIPPER, hand, f"{name}Gripper", where=f"{{a}}.form = '{form}'")
     for shape in ("sphere", "cylinder", "cone", "cuboid"):
@@ -138,6 +139,7 @@ MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
         ("opening", "double", "{a}.opening"),
         ("fingerDepth", "double", "{a}.depth"),
         ("sweptVolume", "double", "{a}.swept"),
+        ("vacuumForce", "double", "{a}.force"),
         ("preferred", "boolean", "{a}.preferred"),
     ),
     *_typed(AUTOMATON, _AUTOMATON, "Automaton"),

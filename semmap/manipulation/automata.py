@@ -21,6 +21,7 @@ from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
 from semmap.manipulation.sensors import CAPABILITIES, read_sensors
 from semmap.manipulation.store.devices import add_automaton, add_device
+from semmap.manipulation.suction import Cup
 from semmap.query.snapshot import Snapshot
 from semmap.robot.urdf import Robot
 from semmap.suggestions import suggestion
@@ -51,22 +52,26 @@ def register_robot(
     *,
     palm: str | None = None,
     posture: Mapping[str, float] | None = None,
+    cup: Cup | None = None,
 ) -> str:
     """Store a robot with its gripper and sensors, as an automaton; return its name.
 
     Its sensors are devices ROBOT/SENSOR; the first one that finds objects is that of the automaton.
-    `palm` tells its gripper, which is named as it is and ``_gripper``. It drives with the joints
-    in `posture`, radians or metres, by default `folded_posture`. ManipulationError where it has
-    no gripper that a joint moves, or cannot take the posture.
+    `palm` tells its gripper, and `cup` that it is a suction cup; it is named as the robot and
+    ``_gripper``. The robot drives with the joints in `posture`, radians or metres, by default
+    `folded_posture`. ManipulationError where it has no gripper that a joint moves, or cannot take
+    the posture.
     """
-    found = read_gripper(urdf, palm)
+    found = read_gripper(urdf, palm, cup)
     _check_posture(found.robot, posture or {})
     arm = Arm(found, posture)
     if posture is None:
         posture = folded_posture(found)
     chosen = name or found.robot.name
     with session.transaction():
-        hand = register_gripper(session, urdf, f"{chosen}_gripper", palm=palm, preferred=False)
+        hand = register_gripper(
+            session, urdf, f"{chosen}_gripper", palm=palm, preferred=False, cup=cup
+        )
         device = _device_name(session, chosen)
         add_device(
             session,

@@ -65,15 +65,15 @@ class Grasp:
     """A grasp of a model by a gripper; metres.
 
     `pose` and `pre_grasp` (4, 4) are the grasp frame in the model's frame, `width` is between the
-    pads, `approach` "top", "above", "side", "below" or "bottom" by the z axis of the shape.
-    `family` is what it has in common with grasps of similar shapes: approach; closing axis x, y or
-    z, or r across a round shape; degrees above the side; offset; kind of approach. `shift` (3,)
-    moved it from the candidate, in its own frame.
+    pads, None for a suction cup; `approach` is "top", "above", "side", "below" or "bottom" by the z
+    axis of the shape. `family` is what it has in common with grasps of similar shapes: approach;
+    closing axis x, y or z, or r across a round shape; degrees above the side; offset; kind of
+    approach. `shift` (3,) moved it from the candidate, in its own frame.
     """
 
     pose: Floats
     pre_grasp: Floats
-    width: float
+    width: float | None
     approach: str
     family: str
     quality: float
@@ -140,7 +140,7 @@ class Grasps:
             return Grasp(
                 self.poses[chosen],
                 self.pre_grasps[chosen],
-                width,
+                None if self.gripper.cup is not None else width,
                 str(self.approaches[chosen]),
                 str(self.families[chosen]),
                 float(self.qualities[chosen]),
@@ -174,8 +174,12 @@ def grasp_candidates(
     Raises
     ------
     ManipulationError
-        The shape has no volume, or a number is not above 0.
+        The shape has no volume, a number is not above 0, or the gripper is a suction cup.
     """
+    if gripper.cup is not None:
+        raise ManipulationError(
+            f"{gripper.name} is a suction cup, which closes on nothing: take shape_grasps"
+        )
     if not (friction > 0 and distance > 0):
         raise ManipulationError(
             f"friction is {friction:g} and distance {distance:g}: give numbers above 0"

@@ -96,6 +96,7 @@ def learn_grasp(
     upright: Callable[[Grasp], Floats],
     *,
     tries: int = 12,
+    corrections: int = CORRECTIONS,
 ) -> list[Attempt]:
     """Try and correct grasps until one succeeds; `upright` tells gravity (3,) in their frames."""
     failed: dict[str, int] = {}
@@ -106,7 +107,7 @@ def learn_grasp(
             continue
         moved, shift = grasp, np.zeros(3)
         before: list[Floats] = []
-        for _ in range(CORRECTIONS + 1):
+        for _ in range(corrections + 1):
             if len(made) == tries:
                 return made
             outcome = attempt(moved)

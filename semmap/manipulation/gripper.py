@@ -1,7 +1,7 @@
 """What a gripper is: its postures from open to closed, and its grasp frame.
 
 The grasp frame has its origin between the pads of the open fingers, +z is the approach and +x the
-direction in which the fingers close.
+direction in which the fingers close. That of a suction cup is in the middle of its lip.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from scipy.spatial import ConvexHull
 from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.link_tree import LinkTree
+from semmap.manipulation.suction import Cup
 from semmap.robot.urdf import Robot
 
 PAD = 0.02
@@ -42,10 +43,13 @@ class Gripper:
     frames of the links. A link that is a jaw is there once for each of its slices. `up` (3,) is the
     vertical in the grasp frame where no joint of the arm tilts the gripper, else None. Where only
     one jaw moves, the middle between the pads moves along x by `aside` (S,) metres.
+
+    A suction cup has one posture without joints; `palm` is its link, and the hulls lack what is
+    soft of it. Its width is the diameter of the lip, and its depth the length of the link.
     """
 
     name: str
-    kind: Literal["parallel", "multi-finger"]
+    kind: Literal["parallel", "multi-finger", "suction"]
     palm: str
     frame: Floats
     fingers: tuple[tuple[str, ...], ...]
@@ -62,6 +66,7 @@ class Gripper:
     aside: Floats = field(repr=False)
     up: Floats | None = None
     is_assumed: bool = False  # the URDF has no limits of the finger joints: `SWING`, `SLIDE`
+    cup: Cup | None = None
 
     def can_tilt_to(self, pose: Floats) -> bool:
         """Whether the arm may tilt the gripper as in a pose (4, 4), of a robot on level ground."""
@@ -69,7 +74,7 @@ class Gripper:
 
     @property
     def opening(self) -> float:
-        """Metres between the pads of the open gripper."""
+        """Metres between the pads of the open gripper, or across the lip of a suction cup."""
         return float(self.widths[0])
 
     def pads_at(self, widths: Floats) -> Floats:
@@ -115,9 +120,9 @@ class Gripper:
 
     def posture(self, width: float) -> dict[str, float]:
         """The positions of the finger joints at a width between the pads."""
-        at = self._at(width)
-        low = min(int(at), len(self.postures) - 2)
-        a, b = self.postures[low], self.postures[low + 1]
+        at, last = self._at(width), len(self.postures) - 1
+        low = min(int(at), max(last - 1, 0))
+        a, b = self.postures[low], self.postures[min(low + 1, last)]
         return {name: a[name] + (at - low) * (b[name] - a[name]) for name in a}
 
     def index(self, width: float) -> int:

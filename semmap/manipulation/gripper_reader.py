@@ -7,6 +7,7 @@ has none, a link that is one jaw itself and on which the other one moves.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -19,10 +20,13 @@ from scipy.spatial import ConvexHull, cKDTree
 from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.outline import hull_points
+from semmap.manipulation.cup_reader import cup_links, read_cup
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import PAD, Gripper, transformed
-from semmap.manipulation.link_tree import LinkTree
+from semmap.manipulation.link_tree import LinkTree, fixed_vertical
+from semmap.manipulation.suction import Cup
 from semmap.robot.urdf import Joint, Robot, load_robot
+from semmap.suggestions import suggestion
 
 FINGER = 0.35
 """The greatest length of a finger, metres; longer chains are arms and legs."""
@@ -57,23 +61,70 @@ SWEEP = 201
 """Positions of such fingers, within a radian or 0.1 m of the drawn one, among which pads touch."""
 
 
-def read_gripper(path: Path | str, palm: str | None = None) -> Gripper:
-    """The gripper of a URDF on the link `palm`, else the first; ManipulationError for none."""
+def read_gripper(path: Path | str, palm: str | None = None, cup: Cup | None = None) -> Gripper:
+    """The gripper of a URDF on the link `palm`, else the first; ManipulationError for none.
+
+    A suction cup is meant where `cup` states one, `palm` is a link that is one (`cup_links`), or
+    nothing else is there.
+    """
     robot = load_robot(path)
+    cups = cup_links(robot, Path(path))
+    if cup is not None or palm in cups:
+        return read_cup(robot, _cup_link(robot, palm, cups), cup)
     found, problems = _search(robot, None if palm is None else (palm,))
+    if not found and palm is None and cups:
+        return read_cup(robot, cups[0])
     if not found:
         which = "no link has" if palm is None else f"link {palm} does not have"
         why = "; ".join((*problems, *_fixed_fingers(robot)))
         raise ManipulationError(
             f"{path}: {which} two fingers that open{f' ({why})' if why else ''}. Give the URDF of "
-            "a gripper, or of a robot with one, whose finger joints have limits"
+            "a gripper, or of a robot with one, whose finger joints have limits; of a suction cup, "
+            "state the radius"
         )
     return found[0]
 
 
+def stated_cup(
+    path: Path, palm: str | None, radius: float | None, force: float | None
+) -> Cup | None:
+    """The suction cup of a URDF by a radius in metres or a force in newtons; None without both.
+
+    ManipulationError where only the force is stated, and the gripper is no suction cup.
+    """
+    if radius is None and force is not None:
+        read = read_gripper(path, palm).cup
+        if read is None:
+            raise ManipulationError(
+                f"{path}: its gripper has fingers, so force={force:g} says nothing; state the "
+                "radius of a suction cup, too"
+            )
+        radius = read.radius
+    return None if radius is None else Cup.of(radius, force)
+
+
+def _cup_link(robot: Robot, palm: str | None, cups: Sequence[str]) -> str:
+    """The link that is meant as the suction cup."""
+    link = palm or next(iter(cups), None)
+    if link is None:
+        raise ManipulationError(
+            f"{robot.name}: no link is named as a suction cup: palm=LINK names it"
+        )
+    if link not in robot.links:
+        raise ManipulationError(
+            f"{robot.name}: there is no link {link}{suggestion(link, robot.links)}"
+        )
+    return link
+
+
 def find_grippers(robot: Robot, palms: Sequence[str] | None = None) -> list[Gripper]:
-    """The grippers of a robot, in the order of its links."""
-    return _search(robot, palms)[0]
+    """The grippers of a robot, in the order of its links; its suction cups if it has no fingers."""
+    found = _search(robot, palms)[0]
+    for link in () if found else cup_links(robot):
+        if palms is None or link in palms:
+            with suppress(ManipulationError):  # nothing tells its radius
+                found.append(read_cup(robot, link))
+    return found
 
 
 def _search(robot: Robot, palms: Sequence[str] | None) -> tuple[list[Gripper], list[str]]:
@@ -260,7 +311,7 @@ def _measured(
         robot,
         (*(hull for k in dict.fromkeys(rigid) for hull in hulls[k]), *map(robot.hull, moved)),
         aside,
-        _up(robot, palm, frame),
+        fixed_vertical(robot, palm, frame),
         is_assumed,
     )
 
@@ -326,20 +377,6 @@ def _with_limits(tree: LinkTree, palm: str, fingers: Sequence[_Finger]) -> Robot
     limits = {n: tuple(sorted((ends * u).tolist())) for n, u in opening.items()}
     changed = (replace(j, limits=limits.get(j.name, j.limits)) for j in tree.robot.joints)
     return replace(tree.robot, joints=tuple(changed))
-
-
-def _up(robot: Robot, palm: str, frame: Floats) -> Floats | None:
-    """The vertical in the grasp frame, if joints move the palm and none of them tilts it."""
-    above = {joint.child: joint for joint in robot.joints}
-    link, moving = palm, []
-    while link in above:
-        moving += [above[link]] if above[link].moves else []
-        link = above[link].parent
-    turning = [joint for joint in moving if joint.type != "prismatic"]
-    if not moving or any(abs(robot.axis(joint)[2]) < 1 - 1e-6 for joint in turning):
-        return None
-    up: Floats = (robot.link_poses({}, [palm])[palm] @ frame)[2, :3]
-    return up
 
 
 def _closing(widths: Sequence[float]) -> tuple[int, int]:

@@ -68,3 +68,17 @@ class LinkTree:
             if len(moving) > 1 and all(self.chain(joint) for joint in moving):
                 found.append(moving[0].parent)
         return found
+
+
+def fixed_vertical(robot: Robot, palm: str, frame: Floats) -> Floats | None:
+    """The vertical (3,) in the grasp frame, if joints move the palm and none of them tilts it."""
+    above = {joint.child: joint for joint in robot.joints}
+    link, moving = palm, []
+    while link in above:
+        moving += [above[link]] if above[link].moves else []
+        link = above[link].parent
+    turning = [joint for joint in moving if joint.type != "prismatic"]
+    if not moving or any(abs(robot.axis(joint)[2]) < 1 - 1e-6 for joint in turning):
+        return None
+    up: Floats = (robot.link_poses({}, [palm])[palm] @ frame)[2, :3]
+    return up

@@ -12,7 +12,7 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.evaluation import Attempt, learn_grasp, rest_mismatch
+from semmap.manipulation.evaluation import CORRECTIONS, Attempt, learn_grasp, rest_mismatch
 from semmap.manipulation.places import find_places
 from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.pushing import Push
@@ -71,12 +71,15 @@ def practise(
     standing = entity_pose(seen, entity).rotation_matrix
     if attempt is None:
         attempt = _trial(seen, entity, name, mass, friction).run
-    opening = stored_gripper(seen.session, name).opening
+    hand = stored_gripper(seen.session, name)
     made = learn_grasp(
-        [grasp_of_row(row, opening) for row in rows],
+        [grasp_of_row(row, hand.opening) for row in rows],
         attempt,
         lambda grasp: (standing @ grasp.pose[:3, :3]).T @ np.array([0.0, 0.0, -1.0]),
         tries=tries,
+        corrections=0
+        if hand.cup is not None
+        else CORRECTIONS,  # beside its spot, a cup is not tight
     )
     with seen.session.transaction():
         return _store(

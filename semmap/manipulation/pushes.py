@@ -64,6 +64,9 @@ def find_pushes(
         raise ManipulationError(f"{entity}: distance is {distance}: give metres above 0")
     chosen = gripper_name(seen.session, gripper)
     hand = stored_gripper(seen.session, chosen)
+    if hand.cup is not None:
+        why = f"{entity}: gripper {chosen} is a suction cup, whose soft lip pushes nothing along"
+        return FoundActions([], [why])
     vertices = np.asarray(model_mesh(seen, entity).vertices)
     shape = shape_of(seen, entity)
     excluded = reasons_against(seen, "push", hand.kind, [number])

@@ -202,7 +202,7 @@ def list_grippers(session: Session) -> list[Row]:
     """Return the stored grippers, with the number of actions of each."""
     return _rows(
         session,
-        "SELECT d.name, g.form, g.opening, g.depth, g.preferred, d.source, "
+        "SELECT d.name, g.form, g.opening, g.depth, g.force, g.preferred, d.source, "
         "(SELECT count(*) FROM action a WHERE a.gripper_id = d.id) AS actions "
         "FROM gripper g JOIN device d ON d.id = g.device_id ORDER BY d.name",
         (),

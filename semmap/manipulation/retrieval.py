@@ -18,15 +18,16 @@ import trimesh
 
 from semmap.belief.store.beliefs import Session
 from semmap.geometry.pose import Pose
-from semmap.manipulation.candidates import Grasps, grasp_candidates
+from semmap.manipulation.candidates import Grasps
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
+from semmap.manipulation.generation import grasps_of_mesh, is_enough, shape_grasps
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import STORED, actions_on, entities_meant
-from semmap.manipulation.solids import FITS, PrimitiveShape
+from semmap.manipulation.solids import PrimitiveShape
 from semmap.manipulation.steadiness import steady_rows, unsteady
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
@@ -36,8 +37,8 @@ from semmap.manipulation.store.model_shapes import (
     shape_of,
     stored_shape,
 )
+from semmap.manipulation.suction import Cup
 from semmap.manipulation.suitability import reasons_against
-from semmap.manipulation.surface_grasps import mesh_grasps
 from semmap.manipulation.surroundings import Surroundings, enclosure_of, entity_pose
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
@@ -87,8 +88,8 @@ def find_grasps(
             if generate(seen, entity, chosen):
                 generated.append(entity)
             else:
-                opening = _opening(seen.session, chosen)
-                problems.append(misfit(entity, shape_of(seen, entity), chosen, opening))
+                shape, opening = shape_of(seen, entity), _opening(seen.session, chosen)
+                problems.append(misfit(entity, shape, chosen, opening, form))
         except ManipulationError as error:
             problems.append(str(error))
     if generated:
@@ -143,6 +144,7 @@ def known_grasps(
         rows = [row for row in fitting_rows(seen, rows)[0] if row["entity"] == entity]
         if rows:
             return _steady(seen, rows, gripper, [])
+    (mass,) = _masses(seen, [entity]).values()
     stands = entity_pose(seen, entity).matrix
     known = shape or mesh_shape(seen, entity)
     rows = [
@@ -161,17 +163,17 @@ def known_grasps(
         }
         for grasp in model_grasps(seen, entity, known, gripper)
     ]
-    return steady_rows(rows, known, gripper)
+    return steady_rows(rows, known, gripper, mass)
 
 
 def model_grasps(seen: Snapshot, entity: str, shape: PrimitiveShape, gripper: Gripper) -> Grasps:
-    """The grasps of an entity's mesh (`mesh_grasps`), or of its shape where it has no mesh."""
-    if shape.inliers >= FITS and len(found := grasp_candidates(shape, gripper)):
+    """The grasps of an entity's mesh, or of its shape where that is enough or it has no mesh."""
+    if is_enough(shape, gripper) and len(found := shape_grasps(shape, gripper)):
         return found
     try:
         mesh = model_mesh(seen, entity)
     except ManipulationError:
-        return grasp_candidates(shape, gripper)
+        return shape_grasps(shape, gripper)
     digest = hashlib.sha256(mesh.triangles.tobytes() + shape.pose.tobytes()).digest()
     return _grasps(_Model(digest, shape.kind, shape.size, gripper, mesh, shape))
 
@@ -191,7 +193,7 @@ class _Model:
 @lru_cache(maxsize=16)
 def _grasps(of: _Model) -> Grasps:
     """The grasps of a mesh, kept: plans ask for them again and again."""
-    return mesh_grasps(of.mesh, of.shape, of.gripper)
+    return grasps_of_mesh(of.mesh, of.shape, of.gripper)
 
 
 HAS_GRIPPER = "SELECT 1 FROM gripper g JOIN device d ON d.id = g.device_id WHERE d.name = %s"
@@ -230,15 +232,26 @@ def _steady(
     """
     found = [row for row in rows if row["link"] is not None]
     own = [row for row in rows if row["link"] is None]
-    for number in dict.fromkeys(row["object_id"] for row in own):
-        some = [row for row in own if row["object_id"] == number]
+    masses = _masses(seen, [row["entity"] for row in own])
+    for number, mass in dict.fromkeys((row["object_id"], masses[row["entity"]]) for row in own):
+        some = [row for row in own if row["object_id"] == number and masses[row["entity"]] == mass]
         shape = stored_shape(seen.session, number)
-        steady = some if shape is None else steady_rows(some, shape, gripper)
+        steady = some if shape is None else steady_rows(some, shape, gripper, mass)
         if not steady:
             names = ", ".join(dict.fromkeys(row["entity"] for row in some))
-            problems.append(unsteady(names, len(some)))
+            problems.append(unsteady(names, len(some), gripper))
         found += steady
     return found
+
+
+def _masses(seen: Snapshot, entities: Sequence[str]) -> dict[str, float | None]:
+    """The kilograms of entities, by their property mass; None where it is not stated."""
+    rows = seen.session.execute(
+        "SELECT name, nullif((properties->>'mass')::float8, 0) FROM entity "
+        "WHERE map_id = current_map() AND name = ANY (%s)",
+        (list(dict.fromkeys(entities)),),
+    ).fetchall()
+    return dict(rows)
 
 
 MISSING = """
@@ -270,9 +283,16 @@ def _form(session: Session, gripper: str | None) -> str:
     return str(form)
 
 
-def misfit(entity: str, shape: PrimitiveShape, gripper: str, opening: float) -> str:
-    """Why no grasp of an entity's shape fits a gripper, whose opening is in metres."""
+def misfit(
+    entity: str, shape: PrimitiveShape, gripper: str, opening: float, form: str = "parallel"
+) -> str:
+    """Why no grasp of an entity's shape fits a gripper of a form, whose opening is in metres."""
     sizes = " x ".join(f"{size:.3g}" for size in shape.size)
+    if form == "suction":
+        return (
+            f"{entity}: the suction cup {gripper} of {opening:.3g} m is tight nowhere on its "
+            f"surface (about a {shape.kind} of {sizes} m) that it reaches"
+        )
     return (
         f"{entity}: no grasp fits its shape ({shape.kind} {sizes} m); "
         f"gripper {gripper} opens {opening:.3g} m"
@@ -334,9 +354,13 @@ def register_gripper(
     *,
     palm: str | None = None,
     preferred: bool | None = None,
+    cup: Cup | None = None,
 ) -> str:
-    """Store the gripper of a URDF; return its name. ManipulationError where it has none."""
-    gripper = read_gripper(path, palm)
+    """Store the gripper of a URDF; return its name. ManipulationError where it has none.
+
+    With `cup`, a suction cup on the link `palm`.
+    """
+    gripper = read_gripper(path, palm, cup)
     chosen = name or gripper.name
     limits = {j.name: j.limits for j in gripper.robot.joints if j.name in gripper.joints}
     add_gripper(
@@ -345,7 +369,8 @@ def register_gripper(
         form=gripper.kind,
         opening=gripper.opening,
         depth=gripper.depth,
-        swept=gripper.swept_volume,
+        swept=gripper.swept_volume or None,
+        force=None if gripper.cup is None else gripper.cup.force,
         urdf=path.read_text("utf-8"),
         source=f"{path.resolve()}#{gripper.palm}",
         joints=limits,
@@ -368,8 +393,10 @@ def gripper_or_urdf(session: Session, given: str | Path | None) -> str | None:
 
 def stored_gripper(session: Session, name: str) -> Gripper:
     """A stored gripper, from its URDF; ManipulationError where that is not on this machine."""
-    ((source,),) = session.execute(
-        "SELECT source FROM device WHERE id = %s", (gripper_id(session, name),)
+    ((source, form, opening, force),) = session.execute(
+        "SELECT d.source, g.form, g.opening, g.force FROM device d "
+        "JOIN gripper g ON g.device_id = d.id WHERE d.id = %s",
+        (gripper_id(session, name),),
     )
     path, _, palm = (source or "").rpartition("#")
     if name == DEFAULT_GRIPPER.stem and not Path(path).is_file():
@@ -380,7 +407,7 @@ def stored_gripper(session: Session, name: str) -> Gripper:
             f"gripper {name}: {where}, so no grasps can be generated: "
             f"semmap manipulation add-gripper URDF --name {name}"
         )
-    return _read(path, palm)
+    return _read(path, palm, Cup.of(opening / 2, force) if form == "suction" else None)
 
 
 _read = lru_cache(maxsize=8)(read_gripper)

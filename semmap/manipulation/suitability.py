@@ -39,19 +39,25 @@ def class_of(name: str, suffix: str = "") -> str:
 
 
 def unsuitable(
-    kind: str, form: str, shape: str | None = None, functions: Iterable[str] = ()
+    kind: str,
+    form: str,
+    shape: str | None = None,
+    functions: Iterable[str] = (),
+    types: Iterable[str] = (),
 ) -> list[str]:
     """Why an action of a kind by a gripper of a form does not suit an object; empty where it does.
 
     `kind` and `form` are those of the tables, `shape` is one of `SIZES`, or None where it is not
-    known; `functions` are what the object is used for, such as sitting.
+    known; `functions` are what the object is used for, such as sitting, and `types` its semantic
+    type with those above it.
     """
-    return list(_unsuitable(kind, form, shape, tuple(sorted(functions))))
+    told = (tuple(sorted(words)) for words in (functions, types))
+    return list(_unsuitable(kind, form, shape, *told))
 
 
 @cache
 def _unsuitable(
-    kind: str, form: str, shape: str | None, functions: tuple[str, ...]
+    kind: str, form: str, shape: str | None, functions: tuple[str, ...], types: tuple[str, ...]
 ) -> tuple[str, ...]:
     axioms = _axioms()
     told = [
@@ -61,6 +67,7 @@ def _unsuitable(
         (_GRIPPER, TYPE_OF, class_of(form, "Gripper")),
         *((_OBJECT, f"{SEMMAP}hasShape", class_of(each)) for each in (shape,) if each is not None),
         *((_OBJECT, f"{SEMMAP}hasFunction", class_of(use)) for use in functions),
+        *((_OBJECT, f"{SEMMAP}modelOf", class_of(each)) for each in types),
     ]
     facts = Facts()
     stated = [*told, *axioms.compiled.stated()]
@@ -69,9 +76,9 @@ def _unsuitable(
     close(facts, axioms.compiled.rules, stated)
     if not any(facts.match(_OBJECT, CONTRADICTION, None)):
         return ()
-    types = {str(fact[2]) for fact in facts.match(_OBJECT, TYPE_OF, None)}
+    found = {str(fact[2]) for fact in facts.match(_OBJECT, TYPE_OF, None)}
     return tuple(
-        comment for one, other, comment in axioms.disjoint if one in types and other in types
+        comment for one, other, comment in axioms.disjoint if one in found and other in found
     )
 
 
@@ -80,11 +87,11 @@ def reasons_against(
 ) -> dict[str, str]:
     """Why an action of a kind by a gripper of a form suits none of these entities, by their names.
 
-    Their functions are those of their types and of their models, their shapes those that fit; what
-    no reason is against is left out.
+    Their functions are those of their types and of their models, their shapes those that fit; their
+    types are those of the entities; what no reason is against is left out.
     """
     rows = seen.session.execute(OBJECTS, (FITS, list(entities))).fetchall()
-    found = {name: unsuitable(kind, form, shape, uses) for name, shape, uses in rows}
+    found = {name: unsuitable(kind, form, *told) for name, *told in rows}
     return {
         name: f"{name}: the ontology excludes a {kind} of it by a {form} gripper: {'; '.join(why)}"
         for name, why in found.items()
@@ -94,7 +101,8 @@ def reasons_against(
 
 OBJECTS = """
 SELECT e.name, CASE WHEN o.inliers >= %s THEN o.shape END,
-       functions_of(e.type) || coalesce(o.functions, '{}')
+       functions_of(e.type) || coalesce(o.functions, '{}'),
+       ARRAY(SELECT c.super FROM type_closure c WHERE c.sub = e.type)
 FROM entity e LEFT JOIN entity_object h ON h.entity_id = e.id
 LEFT JOIN object_model o ON o.id = h.object_id
 WHERE e.id = ANY (%s) ORDER BY e.name

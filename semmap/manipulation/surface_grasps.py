@@ -182,7 +182,7 @@ def surface_grasps(
     order = np.argsort(-made[2], kind="stable")
     order = order[made[2][order] > 0]
     rotations, targets, quality, width = (column[order] for column in made)
-    chosen = _from_all_sides(rotations, targets, by_ends[order], gripper.is_symmetric)
+    chosen = from_all_sides(rotations, targets, by_ends[order], gripper.is_symmetric)
     poses = _poses(gripper, rotations[chosen], targets[chosen], width[chosen])
     before = poses.copy()
     before[:, :3, 3] -= distance * poses[:, :3, 2]
@@ -394,7 +394,7 @@ def _room_before_palm(
     return share
 
 
-def _from_all_sides(
+def from_all_sides(
     rotations: Floats, targets: Floats, by_ends: NDArray[np.bool_], is_symmetric: bool
 ) -> NDArray[np.intp]:
     """Grasps that are not much alike: first the best of each direction, then the next of each.
@@ -420,7 +420,7 @@ def _from_all_sides(
 
 def _free(grasps: Grasps, item: Obstacles, most: int | None = None) -> Grasps:
     """The first grasps that are free of the object, with less quality for little room."""
-    found = grasps[_first_free(grasps, item, len(grasps) if most is None else most)]
+    found = grasps[first_free(grasps, item, len(grasps) if most is None else most)]
     found = replace(found, qualities=found.qualities * _room(found, item))
     return found[np.argsort(-found.qualities, kind="stable")]
 
@@ -438,7 +438,7 @@ def _room(grasps: Grasps, item: Obstacles) -> Floats:
     return share
 
 
-def _first_free(grasps: Grasps, item: Obstacles, most: int) -> NDArray[np.intp]:
+def first_free(grasps: Grasps, item: Obstacles, most: int) -> NDArray[np.intp]:
     """The first grasps whose open gripper does not touch the object on its way."""
     found: list[int] = []
     for start in range(0, len(grasps), AT_ONCE):

@@ -27,6 +27,7 @@ from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.placing import ABOVE
 from semmap.manipulation.pushing import Push
 from semmap.manipulation.solids import ConvexSolid, solid_hull
+from semmap.manipulation.vacuum import Vacuum
 
 STEP = 0.002
 """Seconds of a step of the simulation."""
@@ -142,8 +143,13 @@ class Trial:
         floor.friction = [0.5, 0.005, 1e-4]
         self._add_object(spec)
         self._add_gripper(spec)
+        if gripper.cup is not None:
+            Vacuum.add_to(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
+        self._vacuum: Vacuum | None = None
+        if gripper.cup is not None:
+            self._vacuum = Vacuum(gripper.cup, body.friction, self.model, self.data)
         self._actuators = [self.model.actuator(name).id for name in gripper.joints]
 
     def _add_object(self, spec: Any) -> None:
@@ -283,8 +289,9 @@ class Trial:
         start = self._pose()
         self._drive(opened, opened, before, goal, APPROACH)
         reached = self._pose()
+        self._take()
         self._drive(opened, shut, goal, goal, CLOSE)
-        grip = self._width() - float(self.gripper.widths[-1])
+        grip = self._grip()
         held = np.linalg.inv(self._pose("palm")) @ self._pose()
         above = goal.copy()
         above[2, 3] += HEIGHT
@@ -322,11 +329,13 @@ class Trial:
         self._reset(opened, first)
         start = self._pose()
         self._drive(opened, opened, first, goal, APPROACH)
+        self._take()
         self._drive(opened, shut, goal, goal, CLOSE)
         self._drive(shut, shut, goal, above, LIFT)
         lifted = float(((self._pose() - start) @ np.append(self.body.centre, 1.0))[2])
         self._drive(shut, shut, above, down, LIFT)
         self._drive(shut, shut, down, release, APPROACH)
+        self._let_go()
         self._drive(shut, opened, release, release, CLOSE)
         self._drive(opened, opened, release, away, APPROACH)
         self._drive(opened, opened, away, away, REST)
@@ -349,6 +358,7 @@ class Trial:
         """Let the object settle while the gripper waits, with its fingers at these positions."""
         data, robot = self.data, self.gripper.robot
         self._mujoco.mj_resetData(self.model, data)
+        self._let_go()
         for name, value in opened.items():
             data.joint(name).qpos[0] = value
         known = {self.model.joint(i).name for i in range(self.model.njnt)}
@@ -366,7 +376,24 @@ class Trial:
         upright = np.clip((end[:3, :3] @ start[:3, :3].T)[2, 2], -1, 1)
         return Rest((x, y, z), float(np.arccos(upright)), lifted)
 
+    def _take(self) -> None:
+        """Turn the vacuum of a suction cup on; fingers are closed by their drives."""
+        if self._vacuum is not None:
+            self._vacuum.take()
+
+    def _let_go(self) -> None:
+        if self._vacuum is not None:
+            self._vacuum.let_go()
+
+    def _grip(self) -> float:
+        """Metres between the fingers beyond their narrowest width, or across a lip that holds."""
+        if self._vacuum is not None:
+            return self.gripper.opening if self._vacuum.holds else 0.0
+        return self._width() - float(self.gripper.widths[-1])
+
     def _width(self) -> float:
+        if self._vacuum is not None:
+            return self.gripper.opening
         name = self.gripper.joints[0]
         series = np.array([p[name] for p in self.gripper.postures])
         order = np.argsort(series)
@@ -409,6 +436,8 @@ class Trial:
                 early = min(1.0, 2 * share)
                 self.data.ctrl[actuator] = opened[name] + early * (shut[name] - opened[name])
             self._mujoco.mj_step(self.model, self.data)
+            if self._vacuum is not None:
+                self._vacuum.watch()
 
 
 @lru_cache(maxsize=256)

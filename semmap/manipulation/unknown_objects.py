@@ -21,6 +21,7 @@ from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
+from semmap.manipulation.generation import shape_grasps
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.reader import actions_by_shape
@@ -34,10 +35,14 @@ from semmap.manipulation.retrieval import (
 )
 from semmap.manipulation.steadiness import steady_rows, unsteady
 from semmap.manipulation.store.model_shapes import StoredShape
+from semmap.manipulation.suction_grasps import suction_grasps
 from semmap.manipulation.surface_grasps import SampledSurface, surface_grasps
 
 SPLAT = 0.004
 """Metres of the triangle that stands for a point which the gripper must not touch."""
+
+CLOSED = 6.0
+"""Spacings of points across triangles that stand for a surface without a hole."""
 
 TABLE = 1.0
 """Metres of the table around an object: a camera does not see it below and behind."""
@@ -71,9 +76,9 @@ def grasps_of_shape(
         name, held = _gripper(session, hand)
     solid = StoredShape(shape, tuple(float(side) for side in size), np.eye(4))
     text = f"{shape} of {' x '.join(f'{side:g}' for side in size)} m"
-    found = grasp_candidates(solid, held)
+    found = shape_grasps(solid, held)
     if not len(found):
-        return FoundActions([], [misfit(text, solid, name, held.opening)])
+        return FoundActions([], [misfit(text, solid, name, held.opening, held.kind)])
     return FoundActions(_rows(text, found, limit), generated=[text])
 
 
@@ -130,16 +135,17 @@ def grasps_in_cloud(
     others = np.concatenate(rest)
     table = _splats(others, np.tile(plane.normal, (len(others), 1)))
     below = _sheet(plane, centre)
-    found = Grasps.joined(
-        [
+    if held.cup is None:
+        surface = SampledSurface(known.points, known.normals, centre)
+        every = [
             grasp_candidates(shape, held),
-            surface_grasps(
-                SampledSurface(known.points, known.normals, centre), held, item, frame=shape.pose
-            ),
+            surface_grasps(surface, held, item, frame=shape.pose),
         ]
-    )
+        found = Grasps.joined(every)
+    else:
+        found = _cup_grasps(known.points, known.normals, centre, held, shape.pose)
     if not len(found):
-        return FoundActions([], [misfit("the object", shape, name, held.opening)])
+        return FoundActions([], [misfit("the object", shape, name, held.opening, held.kind)])
     level = found[np.flatnonzero([held.can_tilt_to(pose) for pose in found.poses])]
     if not len(level):
         return FoundActions([], [slanting("the object", len(found), name)])
@@ -151,8 +157,20 @@ def grasps_in_cloud(
     rows = [row | {"model_pose": row["pose"]} for row in _rows("the object", free)]
     steady = sorted(steady_rows(rows, shape, held), key=lambda row: -row["expected"])
     if not steady:
-        return FoundActions([], [unsteady("the object", len(rows))])
+        return FoundActions([], [unsteady("the object", len(rows), held)])
     return FoundActions(steady[:limit], generated=[f"{shape.kind} at {_text(centre)}"])
+
+
+def _cup_grasps(
+    points: Floats, normals: Floats, centre: Floats, gripper: Gripper, frame: Floats
+) -> Grasps:
+    """Grasps by a suction cup of the seen side of an object, whose normals lead either way."""
+    out = np.einsum("ni,ni->n", points - centre, normals)
+    outward = normals * np.where(out < 0, -1, 1)[:, None]
+    apart = float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
+    closed = _splats(points, outward, CLOSED * apart)
+    surface = SampledSurface(points, outward, centre)
+    return suction_grasps(surface, gripper, closed, frame=frame)
 
 
 def _gripper(session: Session, name: str | None) -> tuple[str, Gripper]:
@@ -188,14 +206,14 @@ def _rows(entity: str, grasps: Grasps, limit: int | None = None) -> list[dict[st
     ]
 
 
-def _splats(points: Floats, normals: Floats) -> Floats:
-    """(N, 3, 3) a small triangle across the normal at each point."""
+def _splats(points: Floats, normals: Floats, size: float = SPLAT) -> Floats:
+    """(N, 3, 3) a small triangle across the normal at each point; its circle is `size` wide."""
     aside = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
     aside /= np.linalg.norm(aside, axis=1, keepdims=True)
     other = np.cross(normals, aside)
     turns = np.array([0, 2, 4]) * np.pi / 3
     spokes = np.cos(turns)[:, None, None] * aside + np.sin(turns)[:, None, None] * other
-    triangles: Floats = (points + SPLAT / 2 * spokes).transpose(1, 0, 2)
+    triangles: Floats = (points + size / 2 * spokes).transpose(1, 0, 2)
     return triangles
 
 

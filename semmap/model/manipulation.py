@@ -58,7 +58,8 @@ class Device(Base):
 class StoredGripper(Base):
     """A device that grips: how wide it opens and how deep its fingers are, metres.
 
-    `swept` is the volume that its fingers pass while they close, m³.
+    `swept` is the volume that its fingers pass while they close, m³, and `force` that of the vacuum
+    of a suction cup, newtons.
     """
 
     __tablename__ = "gripper"
@@ -70,6 +71,7 @@ class StoredGripper(Base):
     opening: Mapped[float]
     depth: Mapped[float]
     swept: Mapped[float | None]
+    force: Mapped[float | None]
     preferred: Mapped[bool] = mapped_column(server_default=text("false"))
 
     device: Mapped[Device] = relationship()

@@ -51,6 +51,15 @@ JAW = """<robot name="one_jaw">
 """A plate that slides from a fixed one, up to 5 cm away; both reach 8 cm above the mount."""
 
 
+SUCTION = """<robot name="one_cup">
+  <link name="flange"><collision><origin xyz="0 0 0.03"/><geometry><box size="0.06 0.06 0.06"/></geometry></collision></link>
+  <link name="suction_cup"><collision><origin xyz="0 0 0.03"/><geometry><cylinder radius="0.015" length="0.06"/></geometry></collision></link>
+  <joint name="mount" type="fixed"><parent link="flange"/><child link="suction_cup"/><origin xyz="0 0 0.06"/></joint>
+</robot>
+"""  # noqa: E501
+"""A cup of 30 mm, whose lip is 12 cm before the flange and 6 cm before the box on it."""
+
+
 class Shape(NamedTuple):
     kind: str
     size: tuple[float, ...]

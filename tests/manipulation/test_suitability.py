@@ -63,7 +63,8 @@ def no_clash(graph: rdflib.Graph) -> bool:
     ("case", "suits"),
     [
         (("grasp", "parallel", "sphere", ("wearing",)), True),
-        (("grasp", "suction", "sphere", ()), False),
+        (("grasp", "suction", "sphere", ()), True),
+        (("grasp", "suction", "sphere", ("wearing",)), False),
         (("grasp", "suction", "cuboid", ("drinking",)), True),
         (("grasp", "suction", "cuboid", ("drying", "carrying")), False),
         (("grasp", "multi-finger", None, ("sitting",)), False),
@@ -86,12 +87,32 @@ def test_shapes_functions_and_forms_that_do_not_suit() -> None:
         (kind, form, shape, uses)
         for kind, form, shape, uses in product(KINDS, FORMS, SHAPES, FUNCTIONS)
         if (kind == "grasp" and uses in furniture)
-        or (kind == "grasp" and form == "suction" and (shape == "sphere" or uses in textiles))
+        or (kind == "grasp" and form == "suction" and uses in textiles)
         or (kind in ("push", "turn") and shape == "sphere")
     }
     assert unsuitable("push", "parallel", "sphere") == [
         "a sphere rolls on from where it is pushed to"
     ]
+
+
+@pytest.mark.parametrize(
+    ("types", "suits"),
+    [
+        (("cup", "drinkware"), True),
+        (("teddy_bear", "toy"), False),
+        (("potted_plant", "plant"), False),
+    ],
+)
+def test_a_suction_cup_does_not_hold_what_lets_air_through(
+    types: tuple[str, ...], suits: bool
+) -> None:
+    graph = rdflib.Graph()
+    text = "@prefix : <urn:semmap:ontology#> . @prefix ex: <http://example.org/> . "
+    text += "ex:action a :Grasp ; :actsOn ex:item ; :gripper ex:hand . ex:hand a :SuctionGripper . "
+    text += " ".join(f"ex:item :modelOf <{class_of(each)}> ." for each in types)
+    assert no_clash(graph.parse(data=text, format="turtle")) == suits
+    assert (not unsuitable("grasp", "suction", types=types)) == suits
+    assert unsuitable("grasp", "parallel", types=types) == []
 
 
 def test_a_form_that_the_ontology_does_not_know_excludes_nothing_more() -> None:

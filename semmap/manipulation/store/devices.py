@@ -67,6 +67,7 @@ def add_gripper(
     opening: float,
     depth: float,
     swept: float | None = None,
+    force: float | None = None,
     urdf: str | None = None,
     source: Path | str | None = None,
     joints: Mapping[str, tuple[float, float]] | None = None,
@@ -75,8 +76,9 @@ def add_gripper(
     """Store a gripper, or update the one of this name; return its id.
 
     `opening` is the widest object that it closes on, `depth` how deep its fingers are, metres, and
-    `swept` the volume that they pass, m³. The `preferred` one is meant where a query names none; by
-    default, if none is yet.
+    `swept` the volume that they pass, m³. Of a suction cup, they are the diameter of its lip and
+    its length, and `force` is that of its vacuum, newtons. The `preferred` one is meant where a
+    query names none; by default, if none is yet.
     """
     if not (math.isfinite(opening) and opening > 0):
         raise ManipulationError(f"gripper {name}: its opening is {opening}: give metres above 0")
@@ -84,6 +86,8 @@ def add_gripper(
         raise ManipulationError(f"gripper {name}: its depth is {depth}: give metres, at least 0")
     if swept is not None and not (math.isfinite(swept) and swept > 0):
         raise ManipulationError(f"gripper {name}: its fingers pass {swept}: give m³ above 0")
+    if force is not None and not (math.isfinite(force) and force > 0):
+        raise ManipulationError(f"gripper {name}: its force is {force}: give newtons above 0")
     with refusals(), session.transaction():
         id_ = add_device(session, name, "gripper", urdf=urdf, source=source, joints=joints)
         if preferred is None:
@@ -92,11 +96,12 @@ def add_gripper(
         if preferred:
             session.execute("UPDATE gripper SET preferred = false WHERE preferred")
         session.execute(
-            "INSERT INTO gripper (device_id, form, opening, depth, swept, preferred) "
-            "VALUES (%s, %s, %s, %s, %s, %s) ON CONFLICT (device_id) DO UPDATE SET "
+            "INSERT INTO gripper (device_id, form, opening, depth, swept, force, preferred) "
+            "VALUES (%s, %s, %s, %s, %s, %s, %s) ON CONFLICT (device_id) DO UPDATE SET "
             "form = excluded.form, opening = excluded.opening, depth = excluded.depth, "
-            "swept = excluded.swept, preferred = excluded.preferred OR gripper.preferred",
-            (id_, form, opening, depth, swept, preferred),
+            "swept = excluded.swept, force = excluded.force, "
+            "preferred = excluded.preferred OR gripper.preferred",
+            (id_, form, opening, depth, swept, force, preferred),
         )
     return id_
 
