@@ -30,14 +30,18 @@ from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.evaluation import mismatch
-from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.ranking import grasp_of_row
+from semmap.manipulation.retrieval import stored_gripper
 from semmap.manipulation.trial import HEIGHT, Trial, TrialOutcome, body_of
+from tests.manipulation.grippers import SUCTION
 from tests.manipulation.hollow_things import boxes, cup, mug, plate
 
 WORLDS = Path(os.environ.get("SEMMAP_WORLDS", "../shared/worlds"))
 TRIALS = 12
 """Trials of each object and gripper."""
+
+GRIPPERS = ("panda", "pr2", "cup")
+"""The third one is a suction cup of 30 mm and 60 N, with a stem of 45 mm before a box of 6 cm."""
 
 TABLE, GAP = 0.7, 5e-4
 WEIGHTS = {
@@ -154,7 +158,7 @@ def attempts(
         if not found:
             score.without.append(thing.name)
             return
-        hand = read_gripper(urdf(robot))
+        hand = stored_gripper(home.database.session, robot)
         grasp = grasp_of_row(found[0], hand.opening)
         standing = np.eye(4)
         standing[2, 3] = height - TABLE
@@ -182,9 +186,12 @@ def wrongly_seen(trial: Trial, grasp: Grasp, random: np.random.Generator) -> Tri
 
 
 def kitchen(db: semmap.Database) -> semmap.Map:
-    """A map with a table, and both grippers."""
+    """A map with a table, and all grippers."""
     for robot in ("panda", "pr2"):
         db.add_gripper(urdf(robot), name=robot)
+    file = Path(os.environ["SEMMAP_DATA"]) / "one_cup.urdf"
+    file.write_text(SUCTION)
+    db.add_gripper(file, name="cup", suction=0.015, force=60)
     home = db.create_map("grasping")
     home.add_object("table", type="table", size=(1.2, 1.2, TABLE), pose=(0, 0, 0))
     return home
@@ -206,7 +213,7 @@ def main() -> None:
         db.session.execute("DELETE FROM object_model")  # what other runs learned
         for name, made in SETS.items():
             things = made()
-            for robot in ("panda", "pr2"):
+            for robot in GRIPPERS:
                 score, random = Score(), np.random.default_rng(5)
                 for thing in track(things, f"{name}, {robot}", transient=True):
                     attempts(home, robot, thing, score, random)

@@ -52,7 +52,7 @@ def by_trimesh(
     free = np.ones(len(grasps), bool)
     for i, grasp in enumerate(grasps):
         back = (np.linalg.inv(grasp.pose) @ grasp.pre_grasp)[:3, 3]
-        shut = gripper.index(grasp.width)
+        shut = gripper.index(grasp.width or 0.0)
         for number, link in enumerate(gripper.links):
             corners = gripper.robot.hull(link)
             at = gripper.poses[0, number]

@@ -70,8 +70,8 @@ def _kinds() -> Iterator[TripleMap]:
     for kind in ("grasp", "place", "push", "turn", "open", "put"):
         names = ("Push", "Turn") if kind == "turn" else (kind.capitalize(),)
         yield from _typed(ACTION, _ACTION, *names, where=f"{{a}}.kind = '{kind}'")
-    names = {"parallel": "Parallel", "multi-finger": "MultiFinger", "suction": "Suction"}
-    for form, name in names.items():
+    forms = (("parallel", "Parallel"), ("multi-finger", "MultiFinger"), ("suction", "Suction"))
+    for form, name in forms:
         hand = Value("device", "{a}.device_id")
         yield from _typed(GRIPPER, hand, f"{name}Gripper", where=f"{{a}}.form = '{form}'")
     for shape in ("sphere", "cylinder", "cone", "cuboid"):

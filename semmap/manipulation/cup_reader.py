@@ -91,8 +91,6 @@ def read_cup(robot: Robot, link: str, stated: Cup | None = None) -> Gripper:
         )
     to_grasp = np.linalg.inv(frame)
     at = {k: to_grasp @ placed[k] for k in group}
-    hulls = {k: _hard_part(robot.meshes[k], at[k], cup.soft) for k in group}
-    links = tuple(k for k in group if len(hulls[k]))
     return Gripper(
         name=robot.name,
         kind="suction",
@@ -105,10 +103,10 @@ def read_cup(robot: Robot, link: str, stated: Cup | None = None) -> Gripper:
         depth=depth,
         spread=np.zeros(1),
         is_symmetric=False,
-        links=links,
-        poses=np.array([[at[k] for k in links]]).reshape(1, -1, 4, 4),
+        links=tuple(group),
+        poses=np.array([at[k] for k in group]).reshape(1, -1, 4, 4),
         robot=robot,
-        hulls=tuple(hulls[k] for k in links),
+        hulls=tuple(_hard_part(robot.meshes[k], at[k], cup.soft) for k in group),
         aside=np.zeros(1),
         up=fixed_vertical(robot, link, frame),
         cup=cup,
@@ -142,20 +140,19 @@ def _lip(mesh: Mesh, reach: Floats) -> tuple[Floats, float]:
 
 
 def _hard_part(mesh: Mesh, pose: Floats, soft: float) -> Floats:
-    """Corners (N, 3) of the hull of a link without what is soft, in its frame; none where all is.
+    """Corners (N, 3) of the hull of a link without what is soft, in its frame.
 
     A link at `pose` (4, 4) in the grasp frame that ends with the lip, or before it, is cut `soft`
-    metres behind the lip; one that leads beyond the lip is hard.
+    metres behind the lip, but where it begins it is hard. One that leads beyond the lip is hard.
     """
     import trimesh  # slow to load
 
     corners = hull_points(mesh)
     ahead = transformed(corners, pose)[:, 2]
-    if ahead.max() <= -soft or ahead.max() > RIM:
+    cut = max(-soft, ahead.min() + RIM)
+    if ahead.max() <= cut or ahead.max() > RIM:
         return corners
-    if ahead.min() >= -soft:
-        return np.empty((0, 3))
     whole = trimesh.Trimesh(transformed(mesh.vertices, pose), mesh.faces)
-    part = whole.slice_plane((0, 0, -soft), (0, 0, -1))
+    part = whole.slice_plane((0, 0, cut), (0, 0, -1))
     hard = hull_points(Mesh(np.asarray(part.vertices), np.asarray(part.faces, np.int32)))
     return transformed(hard, np.linalg.inv(pose).astype(np.float64))

@@ -87,10 +87,10 @@ def suction_grasps(
     poses = np.tile(np.eye(4), (len(chosen), 1, 1))
     poses[:, :3, :3] = rotations[chosen]
     poses[:, :3, 3] = points[chosen] + found[chosen, 2, None] * rotations[chosen, :, 2]
-    grasps = _made(gripper, poses, quality[chosen], frame, distance)
+    grasps = _turned(gripper, poses, quality[chosen], frame, distance)
     if is_installed("fcl"):
-        grasps = grasps[first_free(grasps, around, SPOTS)]
-    return _turned(grasps[:SPOTS], frame, distance)
+        grasps = grasps[first_free(grasps, around, SPOTS * TURNS)]
+    return Grasps.joined([grasps[: SPOTS * TURNS]])
 
 
 def _seeds(surface: SampledSurface) -> tuple[Floats, Floats]:
@@ -160,26 +160,19 @@ def heights(triangles: Floats, at: Floats, lowest: float = -np.inf) -> Floats:
     return found
 
 
-def _made(
+def _turned(
     gripper: Gripper, poses: Floats, quality: Floats, frame: Floats, distance: float
 ) -> Grasps:
-    """Grasps at poses (N, 4, 4), to which the cup comes straight."""
+    """Grasps at poses (N, 4, 4), to which the cup comes straight, each with `TURNS` of the hand."""
+    angle = np.tile(np.arange(TURNS) * 2 * np.pi / TURNS, len(poses))
+    turn = np.tile(np.eye(4), (len(angle), 1, 1))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+    turn[:, 1, 0] = np.sin(angle)
+    turn[:, 0, 1] = -turn[:, 1, 0]
+    poses = np.repeat(poses, TURNS, axis=0) @ turn
     before = poses.copy()
     before[:, :3, 3] -= distance * poses[:, :3, 2]
     none, kind = np.zeros(len(poses), np.intp), np.full(len(poses), "cup")
     names, families = grasp_names(frame[:3, :3].T @ poses[:, :3, :3], none, kind, "xyz")
     widths = np.full(len(poses), gripper.opening)
-    return Grasps(gripper, poses, before, widths, quality, names, families)
-
-
-def _turned(grasps: Grasps, frame: Floats, distance: float) -> Grasps:
-    """The same grasps, the best first, each with `TURNS` turns of the hand about the approach."""
-    best = np.argsort(-grasps.qualities, kind="stable")
-    angle = np.tile(np.arange(TURNS) * 2 * np.pi / TURNS, len(best))
-    turn = np.tile(np.eye(4), (len(angle), 1, 1))
-    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
-    turn[:, 1, 0] = np.sin(angle)
-    turn[:, 0, 1] = -turn[:, 1, 0]
-    poses = np.repeat(grasps.poses[best], TURNS, axis=0) @ turn
-    quality = np.repeat(grasps.qualities[best], TURNS)
-    return _made(grasps.gripper, poses, quality, frame, distance)
+    return Grasps(gripper, poses, before, widths, np.repeat(quality, TURNS), names, families)

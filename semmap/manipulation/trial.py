@@ -147,9 +147,11 @@ class Trial:
             Vacuum.add_to(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self._vacuum: Vacuum | None = None
+        self.vacuum: Vacuum | None = None
         if gripper.cup is not None:
-            self._vacuum = Vacuum(gripper.cup, body.friction, self.model, self.data)
+            self.vacuum = Vacuum(
+                gripper.cup, body.mesh.triangles, body.friction, self.model, self.data
+            )
         self._actuators = [self.model.actuator(name).id for name in gripper.joints]
 
     def _add_object(self, spec: Any) -> None:
@@ -378,21 +380,21 @@ class Trial:
 
     def _take(self) -> None:
         """Turn the vacuum of a suction cup on; fingers are closed by their drives."""
-        if self._vacuum is not None:
-            self._vacuum.take()
+        if self.vacuum is not None:
+            self.vacuum.take()
 
     def _let_go(self) -> None:
-        if self._vacuum is not None:
-            self._vacuum.let_go()
+        if self.vacuum is not None:
+            self.vacuum.let_go()
 
     def _grip(self) -> float:
         """Metres between the fingers beyond their narrowest width, or across a lip that holds."""
-        if self._vacuum is not None:
-            return self.gripper.opening if self._vacuum.holds else 0.0
+        if self.vacuum is not None:
+            return self.gripper.opening if self.vacuum.holds else 0.0
         return self._width() - float(self.gripper.widths[-1])
 
     def _width(self) -> float:
-        if self._vacuum is not None:
+        if self.vacuum is not None:
             return self.gripper.opening
         name = self.gripper.joints[0]
         series = np.array([p[name] for p in self.gripper.postures])
@@ -436,8 +438,8 @@ class Trial:
                 early = min(1.0, 2 * share)
                 self.data.ctrl[actuator] = opened[name] + early * (shut[name] - opened[name])
             self._mujoco.mj_step(self.model, self.data)
-            if self._vacuum is not None:
-                self._vacuum.watch()
+            if self.vacuum is not None:
+                self.vacuum.watch()
 
 
 @lru_cache(maxsize=256)

@@ -1,4 +1,4 @@
-"""The vacuum of a suction cup in a simulation (MuJoCo): rays tell if it is tight, a weld holds.
+"""The vacuum of a suction cup in a simulation (MuJoCo): where it is tight, a weld holds.
 
 The weld breaks where the force and the moment that a sensor feels at the lip are more than friction
 and the vacuum resist (`strain`).
@@ -13,6 +13,7 @@ import numpy as np
 from semmap.arrays import Floats
 from semmap.manipulation.extra import library
 from semmap.manipulation.suction import Cup, strain, tightness
+from semmap.manipulation.suction_grasps import heights
 
 LEAK = 0.03
 """Seconds of too much load after which the vacuum is gone."""
@@ -24,7 +25,7 @@ STIFF = (0.004, 1.0)
 class Vacuum:
     """A suction cup of the body ``palm``, whose frame is the grasp frame, on the body ``object``.
 
-    `friction` is between lip and object, `holds` whether the vacuum is on and the lip tight.
+    `triangles` (F, 3, 3) are the object in its own frame, `friction` is between it and the lip.
     """
 
     @staticmethod
@@ -51,10 +52,10 @@ class Vacuum:
                 objname="lip",
             )
 
-    def __init__(self, cup: Cup, friction: float, model: Any, data: Any) -> None:
-        self.cup, self.friction, self.model, self.data = cup, friction, model, data
+    def __init__(self, cup: Cup, triangles: Floats, friction: float, model: Any, data: Any) -> None:
+        self.cup, self.triangles, self.friction = cup, triangles, friction
+        self.model, self.data = model, data
         self._weld = model.equality("vacuum").id
-        self._item, self._palm = model.body("object").id, model.body("palm").id
         self._too_much = 0.0
 
     @property
@@ -97,16 +98,12 @@ class Vacuum:
         return force, moment
 
     def _heights(self, at: Floats) -> Floats:
-        """(K,) how far the object is from the lip's plane at points (K, 2); infinite beside it."""
-        lip = self.data.body("lip")
-        turn, back = lip.xmat.reshape(3, 3), self.cup.soft
-        found, geom = np.full(len(at), np.inf), np.zeros(1, np.int32)
-        for i, (x, y) in enumerate(at):
-            start = lip.xpos + turn @ [x, y, -back]
-            way = library("mujoco").mj_ray(
-                self.model, self.data, start, turn[:, 2], None, 1, self._palm, geom
-            )
-            if geom[0] >= 0 and self.model.geom_bodyid[geom[0]] == self._item:
-                found[i] = way - back
-        reached = np.abs(found) <= back + self.cup.give  # a cup is pressed on, but no further
+        """(K,) how far the object is from the lip's plane at points (K, 2); infinite beside it.
+
+        By the mesh of the object: the pieces that collide may fill its holes.
+        """
+        lip, item = self.data.body("lip"), self.data.body("object")
+        placed = self.triangles @ item.xmat.reshape(3, 3).T + item.xpos
+        found = heights((placed - lip.xpos) @ lip.xmat.reshape(3, 3), at, -self.cup.soft)
+        reached = found <= self.cup.soft + self.cup.give  # a cup is pressed on, but no further
         return np.where(reached, found, np.inf)
