@@ -33,7 +33,7 @@ def _grippers(call: MethodCall, json_: Json = False) -> None:
     rows = call()
     for row in rows:
         row |= {key: round(row[key], 4) for key in ("opening", "depth")}
-    show_table(rows, json_, ("name", "form", "opening", "depth", "preferred", "actions"))
+    show_table(rows, json_, ("name", "form", "opening", "depth", "force", "preferred", "actions"))
 
 
 @command_of("Map.find_shapes", names="[NAME]...")

@@ -138,7 +138,7 @@ def free_grasps(
     ----------
     model : (4, 4) of the model in the frame of the obstacles
     obstacles : without the object
-    item : the object, which only the closed fingers may touch
+    item : the object, which only the closed fingers, or what is soft of a suction cup, may touch
     """
     gripper = grasps.gripper
     links = range(len(gripper.links))
@@ -150,12 +150,15 @@ def free_grasps(
     near = obstacles.within(*_box(gripper, poses, back))
     if len(near) >= len(obstacles) / 4:
         near = obstacles  # which FCL has prepared for searches, or prepares once
-    there = [near] if item is None else [near, item]
     moved = [k for k in links if (gripper.poses[0, k] != gripper.poses[-1, k]).any()]
     free = np.ones(len(grasps), bool)
     for i, pose in enumerate(poses):
         way = [swept_link(gripper, 0, link, back[i]) for link in links]
-        free[i] = not any(each.touched_by(way, [pose] * len(way)) for each in there)
+        free[i] = not near.touched_by(way, [pose] * len(way))
+        if free[i] and item is not None:
+            if gripper.stiff is not None:
+                way = [swept_link(gripper, 0, link, back[i], stiff=True) for link in links]
+            free[i] = not item.touched_by(way, [pose] * len(way))
         if free[i]:
             posture = gripper.index(float(grasps.widths[i]))
             closed = [swept_link(gripper, posture, link, np.zeros(3)) for link in moved]
@@ -224,9 +227,9 @@ def free_way(
     return not obstacles.touched_by([body], [np.eye(4)])
 
 
-def _hull_points(gripper: Gripper, posture: int, link: int) -> Floats:
+def _hull_points(gripper: Gripper, posture: int, link: int, stiff: bool = False) -> Floats:
     pose = gripper.poses[posture, link]
-    corners = gripper.hulls[link]
+    corners = (gripper.stiff_hulls if stiff else gripper.hulls)[link]
     points: Floats = corners @ pose[:3, :3].T + pose[:3, 3]
     return points
 
@@ -237,12 +240,17 @@ def _way(metres: Floats) -> Floats:
     return rounded
 
 
-def swept_link(gripper: Gripper, posture: int, link: int, back: Floats) -> Any:
-    """The convex hull of a link at the grasp and moved by `back` (3,) metres, grasp frame."""
+def swept_link(
+    gripper: Gripper, posture: int, link: int, back: Floats, *, stiff: bool = False
+) -> Any:
+    """The convex hull of a link at the grasp and moved by `back` (3,) metres, grasp frame.
+
+    That of its `stiff` part, or of all of it.
+    """
     bodies = _BODIES.setdefault(gripper, {})
-    key = (posture, link, *back.tolist())
+    key = (posture, link, *back.tolist(), float(stiff))
     if key not in bodies:
-        points = _hull_points(gripper, posture, link)
+        points = _hull_points(gripper, posture, link, stiff)
         bodies[key] = _body(np.concatenate([points, points + back]) if back.any() else points)
     return bodies[key]
 

@@ -106,10 +106,11 @@ def read_cup(robot: Robot, link: str, stated: Cup | None = None) -> Gripper:
         links=tuple(group),
         poses=np.array([at[k] for k in group]).reshape(1, -1, 4, 4),
         robot=robot,
-        hulls=tuple(_hard_part(robot.meshes[k], at[k], cup.soft) for k in group),
+        hulls=tuple(robot.hull(k) for k in group),
         aside=np.zeros(1),
         up=fixed_vertical(robot, link, frame),
         cup=cup,
+        stiff=tuple(_stiff_part(robot.meshes[k], at[k], cup.soft) for k in group),
     )
 
 
@@ -139,11 +140,11 @@ def _lip(mesh: Mesh, reach: Floats) -> tuple[Floats, float]:
     )
 
 
-def _hard_part(mesh: Mesh, pose: Floats, soft: float) -> Floats:
+def _stiff_part(mesh: Mesh, pose: Floats, soft: float) -> Floats:
     """Corners (N, 3) of the hull of a link without what is soft, in its frame.
 
     A link at `pose` (4, 4) in the grasp frame that ends with the lip, or before it, is cut `soft`
-    metres behind the lip, but where it begins it is hard. One that leads beyond the lip is hard.
+    metres behind the lip, but where it begins it is stiff, as is one that leads beyond the lip.
     """
     import trimesh  # slow to load
 
@@ -154,5 +155,5 @@ def _hard_part(mesh: Mesh, pose: Floats, soft: float) -> Floats:
         return corners
     whole = trimesh.Trimesh(transformed(mesh.vertices, pose), mesh.faces)
     part = whole.slice_plane((0, 0, cut), (0, 0, -1))
-    hard = hull_points(Mesh(np.asarray(part.vertices), np.asarray(part.faces, np.int32)))
-    return transformed(hard, np.linalg.inv(pose).astype(np.float64))
+    stiff = hull_points(Mesh(np.asarray(part.vertices), np.asarray(part.faces, np.int32)))
+    return transformed(stiff, np.linalg.inv(pose).astype(np.float64))

@@ -44,8 +44,9 @@ class Gripper:
     vertical in the grasp frame where no joint of the arm tilts the gripper, else None. Where only
     one jaw moves, the middle between the pads moves along x by `aside` (S,) metres.
 
-    A suction cup has one posture without joints; `palm` is its link, and the hulls lack what is
-    soft of it. Its width is the diameter of the lip, and its depth the length of the link.
+    A suction cup has one posture without joints; `palm` is its link, its width the diameter of the
+    lip, and its depth the length of the link. `stiff` are its hulls without what is soft, which
+    gives way to the object.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Gripper:
     up: Floats | None = None
     is_assumed: bool = False  # the URDF has no limits of the finger joints: `SWING`, `SLIDE`
     cup: Cup | None = None
+    stiff: tuple[Floats, ...] | None = field(default=None, repr=False)
 
     def can_tilt_to(self, pose: Floats) -> bool:
         """Whether the arm may tilt the gripper as in a pose (4, 4), of a robot on level ground."""
@@ -87,6 +89,11 @@ class Gripper:
         for axis, series in ((0, aside), (2, self.reaches)):
             found[:, axis] = np.interp(-widths, -self.widths, series)
         return found
+
+    @property
+    def stiff_hulls(self) -> tuple[Floats, ...]:
+        """The corners (N, 3) of what of each link the object must not touch, as `hulls`."""
+        return self.hulls if self.stiff is None else self.stiff
 
     @property
     def swept_volume(self) -> float:

@@ -101,6 +101,7 @@ def find_grasps(
     hand = None
     with suppress(ManipulationError):  # its URDF is not on this machine
         hand = stored_gripper(seen.session, chosen)
+    known_rows = rows
     rows = _ranked(seen.session, _steady(seen, rows, hand, problems), chosen)
     if not check:
         rows = rows[:limit]
@@ -121,6 +122,8 @@ def find_grasps(
             else:
                 why = slanting(names, len(every), chosen)
             problems.append(why)
+            if hand is not None and hand.cup is not None and len(every) < len(known_rows):
+                problems.append(unsteady(names, len(known_rows) - len(every), hand))
     return FoundActions(rows, problems, generated)
 
 

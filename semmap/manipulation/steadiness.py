@@ -103,7 +103,7 @@ def unsteady(entity: str, grasps: int, gripper: Gripper | None = None) -> str:
     """Why none of an entity's grasps holds it."""
     if gripper is not None and gripper.cup is not None:
         return (
-            f"{entity}: is too heavy for the suction cup of {gripper.cup.force:.3g} N at all "
+            f"{entity}: is too heavy for the suction cup of {gripper.cup.force:.3g} N at "
             f"{grasps} grasps where it is tight; its property mass states the kilograms, else "
             f"{DENSITY:g} kg/m³ are assumed"
         )

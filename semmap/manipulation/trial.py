@@ -210,7 +210,7 @@ class Trial:
         rigid = [k for k, link in enumerate(gripper.links) if link in fixed]
         for k in rigid:
             name = f"{gripper.links[k]} {k}"
-            self._add_hull(spec, palm, name, gripper.hulls[k], gripper.poses[0, k])
+            self._add_hull(spec, palm, name, gripper.stiff_hulls[k], gripper.poses[0, k])
         below: dict[str, Floats] = {gripper.palm: inverse}
         driven = set(gripper.joints)
         names, followers = set[str](), []

@@ -54,26 +54,29 @@ def test_the_lip_is_the_far_end_of_the_link_that_is_named_so(tmp_path: Path) -> 
     assert gripper.swept_volume == 0
 
 
-def test_what_is_soft_is_not_among_the_hulls(tmp_path: Path) -> None:
+def test_what_is_soft_is_not_among_the_stiff_hulls(tmp_path: Path) -> None:
     gripper = read_gripper(file_of(tmp_path, CHAIN))
     assert gripper.cup is not None
-    for hull, pose in zip(gripper.hulls, gripper.poses[0], strict=True):
+    for hull, pose in zip(gripper.stiff_hulls, gripper.poses[0], strict=True):
         ahead = (hull @ pose[:3, :3].T + pose[:3, 3])[:, 2]
         assert ahead.max() <= -gripper.cup.soft + 1e-9
     longest = max(
         (h @ p[:3, :3].T + p[:3, 3])[:, 2].min()
-        for h, p in zip(gripper.hulls, gripper.poses[0], strict=True)
+        for h, p in zip(gripper.stiff_hulls, gripper.poses[0], strict=True)
     )
     assert longest == pytest.approx(-0.015), "the rest of the cup is a part of it"
+    at = gripper.links.index("left_suction_cup")
+    ahead = gripper.hulls[at] @ gripper.poses[0, at][:3, :3].T + gripper.poses[0, at][:3, 3]
+    assert ahead[:, 2].max() == pytest.approx(0, abs=1e-6)
 
 
 def test_a_cup_shorter_than_what_is_soft_is_hard_where_it_begins(tmp_path: Path) -> None:
     gripper = read_gripper(file_of(tmp_path, CHAIN), None, Cup(0.05, 30))
     at = gripper.links.index("left_suction_cup")
-    ahead = gripper.hulls[at] @ gripper.poses[0, at][:3, :3].T + gripper.poses[0, at][:3, 3]
+    ahead = gripper.stiff_hulls[at] @ gripper.poses[0, at][:3, :3].T + gripper.poses[0, at][:3, 3]
     assert ahead[:, 2].min() == pytest.approx(-0.015)
     assert ahead[:, 2].max() == pytest.approx(-0.014)
-    assert gripper.margins == frozenset()
+    assert gripper.margins == {"left_suction_tip"}, "which has no mesh"
 
 
 def test_a_part_beside_the_cup_that_leads_beyond_it_stays_hard(tmp_path: Path) -> None:
@@ -84,7 +87,7 @@ def test_a_part_beside_the_cup_that_leads_beyond_it_stays_hard(tmp_path: Path) -
     )
     gripper = read_gripper(file_of(tmp_path, text), "left_suction_cup", Cup(0.012, 30))
     at = gripper.links.index("left_suction_tip")
-    ahead = gripper.hulls[at] @ gripper.poses[0, at][:3, :3].T + gripper.poses[0, at][:3, 3]
+    ahead = gripper.stiff_hulls[at] @ gripper.poses[0, at][:3, :3].T + gripper.poses[0, at][:3, 3]
     assert ahead[:, 2].max() == pytest.approx(0.15)
 
 
