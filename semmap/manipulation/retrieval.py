@@ -102,7 +102,11 @@ def find_grasps(
     with suppress(ManipulationError):  # its URDF is not on this machine
         hand = stored_gripper(seen.session, chosen)
     known_rows = rows
-    rows = _ranked(seen.session, _steady(seen, rows, hand, problems), chosen)
+    if hand is not None or form != "suction":
+        rows = _steady(seen, rows, hand, problems)
+    elif rows:
+        problems.append(f"not judged by weight: the URDF of the suction cup {chosen} is not there")
+    rows = _ranked(seen.session, rows, chosen)
     if not check:
         rows = rows[:limit]
     elif rows:
@@ -294,7 +298,7 @@ def misfit(
     if form == "suction":
         return (
             f"{entity}: the suction cup {gripper} of {opening:.3g} m is tight nowhere on its "
-            f"surface (about a {shape.kind} of {sizes} m) that it reaches"
+            f"surface (about a {shape.kind} of {sizes} m), or too weak where it is"
         )
     return (
         f"{entity}: no grasp fits its shape ({shape.kind} {sizes} m); "

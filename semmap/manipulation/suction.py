@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -68,12 +69,12 @@ class Cup:
         """Metres behind the plane of the lip that are soft, and give way to an object."""
         return self.give + self.room
 
-    @property
+    @cached_property
     def ring(self) -> Floats:
         """(`AROUND`, 2) points of the lip in its plane, metres."""
         return _circle(self.radius, AROUND)
 
-    @property
+    @cached_property
     def inside(self) -> Floats:
         """(M, 2) points within the lip, no farther from each other than some `FINE`, metres."""
         count = max(2, math.ceil(self.radius / FINE))

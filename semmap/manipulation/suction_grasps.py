@@ -31,6 +31,9 @@ TURNS = 4
 OFF = 0.005
 """Metres by which a robot may be wrong along the surface, and the lip should still be tight."""
 
+SIDES = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+"""Directions in which it may be wrong."""
+
 STRAIGHT = np.cos(np.radians(5))
 """The cosine to an axis of the object's shape at which the cup comes along that axis."""
 
@@ -127,17 +130,21 @@ def _seal(cup: Cup, around: Obstacles, point: Floats, rotation: Floats) -> tuple
     The height is the middle between those of the highest and the lowest point of the ring.
     """
     reach = cup.radius + OFF + cup.soft
-    near = around.within(point - reach, point + reach)
-    ring, inside = cup.ring, cup.inside
-    moves = np.array([[0, 0], [OFF, 0], [-OFF, 0], [0, OFF], [0, -OFF]])
-    rays = (moves[:, None] + np.concatenate([ring, inside])).reshape(-1, 2)
-    seen = heights((near.triangles - point) @ rotation, rays, -cup.soft).reshape(len(moves), -1)
-    tight = tightness(cup, seen[:, : len(ring)], seen[:, len(ring) :])
-    if not tight[0]:
+    near = (around.within(point - reach, point + reach).triangles - point) @ rotation
+    here = _lip_heights(cup, near, np.zeros((1, 2)))
+    (tight,) = tightness(cup, *here)
+    if not tight:
         return 0.0, 0.0, 0.0
-    first = seen[0, : len(ring)]
-    share = (1 + (tight[1:] > 0).sum()) / len(moves)
-    return float(tight[0]), float(share), float(first.min() + first.max()) / 2
+    aside = tightness(cup, *_lip_heights(cup, near, OFF * SIDES))
+    share = (1 + np.count_nonzero(aside)) / (1 + len(SIDES))
+    return float(tight), share, float(here[0].min() + here[0].max()) / 2
+
+
+def _lip_heights(cup: Cup, triangles: Floats, moves: Floats) -> tuple[Floats, Floats]:
+    """Heights (N, K) below the ring and (N, M) below what is inside of it, for N moves aside."""
+    rays = moves[:, None] + np.concatenate([cup.ring, cup.inside])
+    seen = heights(triangles, rays.reshape(-1, 2), -cup.soft).reshape(rays.shape[:2])
+    return seen[:, : len(cup.ring)], seen[:, len(cup.ring) :]
 
 
 def heights(triangles: Floats, at: Floats, lowest: float = -np.inf) -> Floats:
@@ -145,7 +152,9 @@ def heights(triangles: Floats, at: Floats, lowest: float = -np.inf) -> Floats:
 
     Infinite where there is no triangle.
     """
-    a, b, c = np.moveaxis(triangles, 1, 0)
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    met = (low[:, :2] <= at.max(axis=0)) & (high[:, :2] >= at.min(axis=0))
+    a, b, c = np.moveaxis(triangles[met.all(axis=1) & (high[:, 2] >= lowest)], 1, 0)
     u, v = b - a, c - a
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     seen = np.abs(area) > EDGE * np.linalg.norm(np.cross(u, v), axis=1)

@@ -62,6 +62,16 @@ OBSERVE = ("observe", "--view", "0.3,1.5,1.2,0,0.4", "--looked-for", "cup", "--c
 REFUSED = {
     "a gripper without fingers": (("manipulation", "add-gripper"), "stump.urdf", "no link has two"),
     "a robot without fingers": (("manipulation", "add-robot"), "stump.urdf", "no link has two"),
+    "a cup of no radius": (
+        ("manipulation", "add-gripper", "--suction", "0"),
+        "stump.urdf",
+        "above 0",
+    ),
+    "a cup on no link": (
+        ("manipulation", "add-gripper", "--suction", "0.01"),
+        "stump.urdf",
+        "palm=LINK",
+    ),
     "a bundle of another version": (("manipulation", "import"), "later.bundle", "of version 2"),
     "a cloud of NaN": (OBSERVE, "nan.npy", "0 finite points of 3000"),
     "a mesh of no volume": (("grasp", "sheet"), None, "flat, it has no volume"),

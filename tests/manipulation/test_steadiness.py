@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from semmap.geometry.pose import Pose
-from semmap.manipulation.steadiness import HOLD, steadiness, steady_rows
-from tests.manipulation.grippers import Shape
+from semmap.manipulation.gripper_reader import read_gripper
+from semmap.manipulation.steadiness import HOLD, steadiness, steady_rows, unsteady
+from semmap.manipulation.suction import Cup
+from tests.manipulation.grippers import SUCTION, Shape
 
 BAR = Shape("cuboid", (0.6, 0.03, 0.03))
 """A bar along x, whose centre of mass is its origin."""
@@ -66,3 +69,22 @@ def test_outcomes_and_moves_aside_say_more() -> None:
     assert found[1]["expected"] == 0.8
     assert found[2]["expected"] == pytest.approx((1 + 2 * 0.4) / 4)  # half of the quality
     assert [each["quality"] for each in found] == pytest.approx([0.85, 0.8, 0.8])
+
+
+def test_what_a_cup_holds_of_an_object_counts_by_its_weight(tmp_path: Path) -> None:
+    """From above, V / (1 + 2 d / r) at d beside the middle; at most half of it is steady."""
+    path = tmp_path / "one_cup.urdf"
+    path.write_text(SUCTION)
+    hand = read_gripper(path, cup=Cup(0.015, 60.0))
+    plate = Shape("cuboid", (0.2, 0.2, 0.02))
+    rows = [row(x, 0.01) for x in (0.0, 0.015, 0.03, 0.06)]
+    held = 60 / np.array([1, 3, 5, 9])
+    for mass in (0.2, 0.5, 1.0, 3.0):
+        share = held / (mass * 9.81)
+        expected = np.where(share < 1, 0, np.minimum(share / 2, 1))
+        assert steadiness(rows, plate, hand, mass) == pytest.approx(expected)
+    assumed = steadiness(rows, plate, hand, 500 * 0.2 * 0.2 * 0.02)
+    assert steadiness(rows, plate, hand) == pytest.approx(assumed)
+    kept = steady_rows(rows, plate, hand, 1.0)
+    assert [each["model_pose"].x for each in kept] == [0.0, 0.015, 0.03]
+    assert "is too heavy for the suction cup of 60 N at 4 grasps" in unsteady("plate", 4, hand)

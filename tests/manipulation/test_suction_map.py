@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
+import semmap as package
 from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.automata import stored_arm
@@ -15,6 +17,8 @@ from semmap.manipulation.practice import practise, practise_places
 from semmap.manipulation.retrieval import known_grasps, stored_gripper
 from semmap.manipulation.store.models import object_model_id
 from semmap.manipulation.suction import Cup
+from tests.command_line import semmap
+from tests.conftest import MakeDatabase
 from tests.manipulation.grippers import SUCTION, urdf
 from tests.seen import seen_by
 
@@ -170,3 +174,25 @@ def test_an_arm_takes_and_puts_down_with_a_cup(table: Map) -> None:
     assert placed.problems == []
     assert placed.motion is not None
     assert len(placed.motion.after) > 0, "the way back without it"
+
+
+def test_a_cup_is_added_and_asked_by_commands(make_database: MakeDatabase, tmp_path: Path) -> None:
+    url = make_database().render_as_string(hide_password=False)
+    path = tmp_path / "one_cup.urdf"
+    path.write_text(SUCTION)
+    with package.connect(url) as db:
+        desk = db.create_map("desk")
+        desk.add_object("desk", type="table", size=(1, 1, 0.7), pose=(0, 0, 0))
+        book = trimesh.creation.box((0.2, 0.15, 0.03))
+        desk.add_object("book", type="book", mesh=book, pose=(0, 0, 0.7155))
+    words = ("manipulation", "add-gripper", path, "--name", "cup", "--suction", "0.015")
+    assert semmap(url, *words, "--force", "60").exit_code == 0
+    (row,) = json.loads(semmap(url, "manipulation", "grippers", "--json").stdout)
+    assert (row["form"], row["opening"], row["force"]) == ("suction", 0.03, 60)
+    told = semmap(url, "grasp", "book", "--gripper", "cup", "--map", "desk")
+    assert told.exit_code == 0
+    assert "top" in told.stdout
+    tried = semmap(
+        url, "manipulation", "try", "book", "--gripper", "cup", "--map", "desk", "--json"
+    )
+    assert json.loads(tried.stdout)[-1]["outcome"] == "completed"
