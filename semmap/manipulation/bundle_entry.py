@@ -86,7 +86,7 @@ REQUIRED: dict[str, dict[str, _Form]] = {
     },
 }
 OPTIONAL: dict[str, dict[str, _Form]] = {
-    "gripper": {"urdf": TEXT, "joints": _by_name(LIMITS)},
+    "gripper": {"force": NUMBER, "urdf": TEXT, "joints": _by_name(LIMITS)},
     "object": {
         "name": NAME,
         "type": NAME,

@@ -31,6 +31,9 @@ TURNS = 4
 OFF = 0.005
 """Metres by which a robot may be wrong along the surface, and the lip should still be tight."""
 
+FEW = 3
+"""Every so many points of the ring are looked at first."""
+
 SIDES = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
 """Directions in which it may be wrong."""
 
@@ -131,6 +134,9 @@ def _seal(cup: Cup, around: Obstacles, point: Floats, rotation: Floats) -> tuple
     """
     reach = cup.radius + OFF + cup.soft
     near = (around.within(point - reach, point + reach).triangles - point) @ rotation
+    some = heights(near, cup.ring[::FEW], -cup.soft)
+    if not some.max() < some.min() + cup.give:  # most places are settled so, or nothing is there
+        return 0.0, 0.0, 0.0
     here = _lip_heights(cup, near, np.zeros((1, 2)))
     (tight,) = tightness(cup, *here)
     if not tight:

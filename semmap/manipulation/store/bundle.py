@@ -44,7 +44,7 @@ COLUMNS = ("motion", "approach", "family", "width", "posture", "pre_posture", "q
 # -- export ---------------------------------------------------------------------------------------
 
 GRIPPERS = """
-SELECT d.name, g.form, g.opening, g.depth, d.urdf, d.joints FROM gripper g
+SELECT d.name, g.form, g.opening, g.depth, g.force, d.urdf, d.joints FROM gripper g
 JOIN device d ON d.id = g.device_id WHERE d.id = ANY (%s) ORDER BY d.name
 """
 
@@ -306,6 +306,7 @@ class _Import:
             form=given["form"],
             opening=given["opening"],
             depth=given["depth"],
+            force=given.get("force"),
             urdf=given.get("urdf"),
             joints=given.get("joints") or {},
             preferred=False,

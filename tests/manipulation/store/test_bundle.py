@@ -238,6 +238,16 @@ def test_a_time_without_a_zone_or_in_the_future_is_refused(
     assert rows(other) == before
 
 
+def test_a_suction_cup_comes_with_its_force(cups: Map, other: Any, tmp_path: Path) -> None:
+    add_gripper(cups.connection, "lip", form="suction", opening=0.03, depth=0.06, force=60)
+    add_actions(cups.connection, "cup1", "lip", [candidate(width=None)])
+    export_bundle(cups.connection, tmp_path / "lip.bundle", "kitchen", key=KEY)
+    trust(other, "kitchen", PUBLIC)
+    import_bundle(other, tmp_path / "lip.bundle")
+    query = "SELECT form, opening, depth, force FROM gripper WHERE form = 'suction'"
+    assert other.execute(query).fetchall() == [("suction", 0.03, 0.06, 60)]
+
+
 def test_a_gripper_of_the_same_name_and_another_opening_is_refused(
     cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
