@@ -223,7 +223,7 @@ def main() -> None:
 
 def _row(name: str, robot: str, things: int, score: Score) -> Row:
     without = f"; no grasp of {', '.join(score.without)}" if score.without else ""
-    asked = name == "YCB, upright"
+    asked = name == "YCB, upright" and robot != "cup"
     seconds = np.median(score.seconds or [0])
     return Row(
         f"{name}, {robot}: {things - len(score.without)} of {things} objects held",
