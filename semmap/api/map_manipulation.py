@@ -1,10 +1,10 @@
-"""How robots act on the objects of a map: grasps, places, pushes, and how attempts end."""
+"""How robots act on objects of a map: grasps, places, pushes, openings; how attempts end."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from semmap.api.checked import EntityName
 from semmap.api.map_questions import MapQuestions
@@ -191,6 +191,103 @@ class MapManipulation(MapQuestions):
             hand = gripper_or_urdf(self.connection, gripper)
             return find_pushes(self._seen, name, gripper=hand, distance=distance, limit=limit)
 
+    def openings(
+        self,
+        name: EntityName,
+        *,
+        hinge: Sequence[float] | None = None,
+        slide: Sequence[float] | None = None,
+        travel: float | None = None,
+        gripper: str | Path | None = None,
+        robot: str | Path | None = None,
+        base: Sequence[float] | None = None,
+        plan: bool = False,
+        state: Mapping[str, float] | None = None,
+        limit: int = 10,
+    ) -> FoundActions:
+        """How to open a door or drawer by its handle: stored ways, else generated ones.
+
+        Returns rows as of `grasps`; also `end`, the pose of the gripper where the way ends, and
+        `travel`. What opens, how far it opens and where it is closed are known of parts that were
+        imported from URDF or MJCF; other axes are stated.
+
+        Parameters
+        ----------
+        name : the part that moves, or its handle
+        hinge : x, y, z, dx, dy, dz: a point (metres) and the direction of its axis, map's frame;
+            it turns right-handed. By default that of its joint
+        slide : dx, dy, dz: the direction in which it slides, map's frame
+        travel : radians or metres from where it is; by default as far as its joint allows
+        gripper, robot, base, plan, state, limit : as for `grasps`
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `grasps`; the object has no mesh, nothing tells how it moves, it is open already, or
+            its joint does not allow the travel.
+        """
+        axis = {"hinge": hinge, "slide": slide, "travel": travel}
+        reach: dict[str, Any] = {"robot": robot, "base": base, "plan": plan, "state": state}
+        return self._moves("openings", name, axis, gripper, limit, **reach)
+
+    def turns(
+        self,
+        name: EntityName,
+        *,
+        hinge: Sequence[float] | None = None,
+        travel: float | None = None,
+        gripper: str | Path | None = None,
+        robot: str | Path | None = None,
+        base: Sequence[float] | None = None,
+        plan: bool = False,
+        state: Mapping[str, float] | None = None,
+        limit: int = 10,
+    ) -> FoundActions:
+        """How to push a door about its hinge with closed fingers: stored ways, else generated ones.
+
+        Returns rows as of `openings`. By default, an open door is closed, and a closed one opened.
+
+        Parameters
+        ----------
+        name, hinge, travel : as for `openings`
+        gripper, robot, base, plan, state, limit : as for `grasps`; the gripper is closed
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `openings`; the part slides.
+        """
+        axis = {"hinge": hinge, "travel": travel}
+        reach: dict[str, Any] = {"robot": robot, "base": base, "plan": plan, "state": state}
+        return self._moves("turns", name, axis, gripper, limit, **reach)
+
+    def _moves(
+        self,
+        what: Literal["openings", "turns"],
+        name: str,
+        axis: dict[str, Any],
+        gripper: str | Path | None,
+        limit: int,
+        *,
+        robot: str | Path | None,
+        base: Sequence[float] | None,
+        plan: bool,
+        state: Mapping[str, float] | None,
+    ) -> FoundActions:
+        from semmap.manipulation.openings import find_openings, find_turns
+        from semmap.manipulation.retrieval import gripper_or_urdf
+
+        _at_least_one(limit)
+        with self.transaction():
+            if robot is not None:
+                acting = self._robot(robot, base, gripper, plan=plan, state=state, limit=limit)
+                found: FoundActions = getattr(acting, what)(name, **axis)
+                return found
+            _for_robots_only(base=base, plan=plan, state=state)
+            hand = gripper_or_urdf(self.connection, gripper)
+            find = find_openings if what == "openings" else find_turns
+            return find(self._seen, name, gripper=hand, limit=limit, **axis)
+
     # --- shapes, attempts and their outcomes
 
     def find_shapes(
@@ -231,7 +328,7 @@ class MapManipulation(MapQuestions):
         Parameters
         ----------
         name : the object
-        action : the `action_id` of a row of `grasps`, `places` or `pushes`; None: no stored one
+        action : the `action_id` of a row of `grasps`, `places`, ...; None: no stored one
         outcome : completed or error
         kind : grasp, place, push, turn, open or put
         instead_of : the action that failed before and is replaced by this one
@@ -266,6 +363,8 @@ class MapManipulation(MapQuestions):
         *,
         on: EntityName | None = None,
         push: bool = False,
+        open_: bool = False,
+        turn: bool = False,
         gripper: str | None = None,
         tries: int = 12,
         mass: float | None = None,
@@ -275,13 +374,15 @@ class MapManipulation(MapQuestions):
         """Try actions on an object until one succeeds, in simulation, and store the outcomes.
 
         Returns `action_id`, `family` and `outcome` of each attempt; of grasps `moved` (metres) and
-        `stored`, the id of a corrected grasp; of others `off` (metres) and `tilted` (degrees).
+        `stored`, the id of a corrected grasp; of places and pushes `off` (metres) and `tilted`
+        (degrees); of openings and turns `opened`, the share of the way.
 
         Parameters
         ----------
         name : the object
         on : try places of the object on this one; by default its grasps are tried
         push : try pushes of the object
+        open_, turn : try ways to open it, or to turn it
         gripper : a stored one; by default the preferred one
         tries : the most attempts
         mass : kilograms; by default the object's property, else by its volume
@@ -291,22 +392,25 @@ class MapManipulation(MapQuestions):
         Raises
         ------
         LookupError, ValueError
-            As `grasps`; `on` and `push` together or with `attempt`, or an object without such an
-            action.
+            As `grasps`; several of `on`, `push`, `open_` and `turn`, or one with `attempt`, or an
+            object without such an action.
         """
         from semmap.manipulation import practice
 
         values: dict[str, Any] = {"tries": tries, "mass": mass, "friction": friction}
         if tries < 1:
             raise ValueError(f"tries is {tries}: give the most attempts, 1 or more")
-        if on is not None and push:
-            raise ValueError("give one of on and push")
+        if (on is not None) + push + open_ + turn > 1:
+            raise ValueError("give one of on, push, open_ and turn")
         if attempt is not None:
-            if on is not None or push:
-                raise ValueError("attempt is for grasps: give neither on nor push")
+            if on is not None or push or open_ or turn:
+                raise ValueError("attempt is for grasps: give none of on, push, open_ and turn")
             values |= {"attempt": attempt, "simulated": False}
         if on is not None:
             return practice.practise_places(self._seen, name, on, gripper, **values)
+        if open_ or turn:
+            aim: Literal["open", "turn"] = "open" if open_ else "turn"
+            return practice.practise_openings(self._seen, name, aim, gripper, **values)
         of_kind = practice.practise_pushes if push else practice.practise
         return of_kind(self._seen, name, gripper, **values)
 

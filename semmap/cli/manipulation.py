@@ -1,4 +1,4 @@
-"""The commands `semmap grasp`, `place` and `push`."""
+"""The commands `semmap grasp`, `place`, `push`, `open` and `turn`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ COLUMNS = ("entity", "approach", "expected", "attempts", "width", "x", "y", "z",
 UNKNOWN_COLUMNS = ("approach", "expected", "width", "x", "y", "z")
 PLACE_COLUMNS = ("entity", "on", "approach", "expected", "attempts", "clearance", "x", "y", "z")
 PUSH_COLUMNS = ("entity", "direction", "expected", "attempts", "x", "y", "z", "contributor")
+PART_COLUMNS = ("entity", "approach", "family", "expected", "attempts", "travel", "x", "y", "z")
 BASE = "X,Y,YAW[,Z]"
+HINGE, SLIDE = "X,Y,Z,DX,DY,DZ", "DX,DY,DZ"
 
 
 @command_of("Map.grasps", name="[NAME]", for_="FUNCTION", check="--unchecked", base=BASE)
@@ -82,6 +84,25 @@ def push_command(call: MethodCall, json_: Json = False) -> None:
     _show(call(), json_, PUSH_COLUMNS, "pushes")
 
 
+@command_of("Map.openings", hinge=HINGE, slide=SLIDE, base=BASE)
+def open_command(call: MethodCall, json_: Json = False) -> None:
+    """Show how to open a door or drawer by its handle: stored ways, else generated ones.
+
+    semmap open drawer1; semmap open door --hinge 1.2,0.4,0,0,0,1 --travel 1.57
+    semmap open drawer1 --robot tiago --base 1.2,0.4,1.57 --plan
+    """
+    _show(call(), json_, PART_COLUMNS, "ways to open it")
+
+
+@command_of("Map.turns", hinge=HINGE, base=BASE)
+def turn_command(call: MethodCall, json_: Json = False) -> None:
+    """Show how to push a door about its hinge with closed fingers; an open door is closed.
+
+    semmap turn door; semmap turn door --robot tiago --base 1.2,0.4,1.57 --plan
+    """
+    _show(call(), json_, PART_COLUMNS, "ways to turn it")
+
+
 def _alone(call: MethodCall, option: str, *names: str) -> tuple[str, ...]:
     """The options that go with one for an unknown object; BadParameter if others are given."""
     others = call.texts | {"kind": call.texts["kind"] != "grasp"}  # which is the default
@@ -125,7 +146,7 @@ def _short(row: dict[str, Any], where: str) -> dict[str, Any]:
     places = {axis: v if v is None else round(v, 3) for axis, v in zip("xyz", pose, strict=False)}
     rounded = {
         key: row[key] and round(row[key], 3)
-        for key in ("expected", "width", "clearance", "link")
+        for key in ("expected", "width", "clearance", "link", "travel")
         if key in row
     }
     return {"attempts": 0, "contributor": None} | row | places | rounded

@@ -50,14 +50,17 @@ def _shapes(call: MethodCall, json_: Json = False) -> None:
     show_table(rows, json_, ("entity", "shape", "size", "inliers"))
 
 
-@command_of("Map.practise")
+@command_of("Map.practise", open_="--open")
 def _try(call: MethodCall, json_: Json = False) -> None:
     """Try actions on an object in simulation until one succeeds, and store what was learned.
 
-    Grasps by default; with --on or --push, places or pushes.
+    Grasps by default; with --on, --push, --open or --turn places, pushes, or ways to open or turn.
     """
-    grasps = "on" not in call.values and not call.values["push"]
-    told = ("moved", "outcome", "stored") if grasps else ("off", "tilted", "outcome")
+    told: tuple[str, ...] = ("moved", "outcome", "stored")
+    if "on" in call.values or call.values["push"]:
+        told = ("off", "tilted", "outcome")
+    elif call.values["open_"] or call.values["turn"]:
+        told = ("opened", "outcome")
     show_table(call(), json_, ("action_id", "family", *told))
 
 

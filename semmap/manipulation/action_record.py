@@ -19,8 +19,8 @@ from semmap.manipulation.error import ManipulationError
 KINDS = ("grasp", "place", "push", "turn", "open", "put")
 """Of actions; `turn` is a rotational push, `open` opens doors and drawers, `put` is composed."""
 
-MOTIONS = {"push": 3, "turn": 7, "open": 7}
-"""How many numbers the motion of a kind has: a translation, or an axis with an angle."""
+MOTIONS = {"push": (3,), "turn": (7,), "open": (3, 7)}
+"""How many numbers the motion of a kind has: a translation (3), or an axis with an angle (7)."""
 
 ROUND = 6
 """Decimals of lengths and angles in keys: actions that differ by less are the same."""
@@ -31,7 +31,8 @@ class ActionRecord:
     """An action of a gripper on an object model (section III), in its frame; metres and radians.
 
     `pose` is that of the grasp frame at contact, between `pre_pose` and `post_pose`. `motion` is
-    the way of a push, and a point of the axis, its direction and the angle of a turn or an opening.
+    the way of a push or of what slides open, (3,); of a turn, or of what opens on a hinge, (7,): a
+    point of the axis, its direction and the angle.
     `width` is between the fingers; `posture` and `pre_posture` are those of joints at contact and
     before (of a place, after). Trial and error moved it by `shift` in its own frame.
     """
@@ -78,11 +79,11 @@ class ActionRecord:
                 f"{where}: kind is {self.kind!r}: give one of {', '.join(KINDS[:-1])}; "
                 "put is composed of a grasp and a place"
             )
-        count = len(self.motion or ())
-        if count != MOTIONS.get(self.kind, 0):
+        count, counts = len(self.motion or ()), MOTIONS.get(self.kind, (0,))
+        if count not in counts:
+            numbers = " or ".join(map(str, counts)) if any(counts) else "none"
             raise ManipulationError(
-                f"{where}: motion has {count} numbers: a {self.kind} has "
-                f"{MOTIONS.get(self.kind, 'none')}"
+                f"{where}: motion has {count} numbers: a {self.kind} has {numbers}"
             )
         if not (math.isfinite(self.quality) and 0 <= self.quality <= 1):
             raise ManipulationError(f"{where}: quality is {self.quality}: give a share, 0 to 1")

@@ -306,11 +306,12 @@ class Arm:
         *,
         fingers: Mapping[str, float] | None = None,
         held: tuple[Any, Floats] | None = None,
+        led: bool = False,
     ) -> bool:
         """Whether no moving link touches an obstacle, in the robot's frame, or another link.
 
         `fingers` are by default open. `held` is a part of the robot: a body of FCL and its pose (4,
-        4) in the grasp frame.
+        4) in the grasp frame. What is `led` on a joint of its own may touch obstacles.
         """
         attached, hulls = self._attachment(fingers)
         frames = self._frames(position)
@@ -324,7 +325,7 @@ class Arm:
         if held is None:
             return True
         there = frames[-1] @ self._tool @ held[1]
-        if obstacles.touched_by([held[0]], [there]):
+        if not led and obstacles.touched_by([held[0]], [there]):
             return False
         item, own = placed(held[0], there), self.gripper.links
         others = [i for i, link in enumerate(self._links) if link not in own]

@@ -1,4 +1,4 @@
-"""Motions of stored robots' arms among the objects of the map: to grasp, to put down, to push.
+"""Motions of stored robots' arms among objects of the map: to grasp, place, push, open or turn.
 
 The way to where an action begins is planned once; its path is stored and followed again until
 something moves into it. From there the gripper moves straight, as the action states (Tosello et
@@ -31,9 +31,12 @@ from semmap.manipulation.motion import (
     plan_strokes,
     straight_motions,
 )
+from semmap.manipulation.moving_part import MovingPart
+from semmap.manipulation.part_motion import PartMotion
 from semmap.manipulation.store.devices import add_path
 from semmap.manipulation.store.model_shapes import model_mesh
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
+from semmap.query.meshes import world_triangles
 from semmap.query.snapshot import Snapshot
 
 AROUND = 1.5
@@ -54,8 +57,8 @@ class ArmMotion:
     """A motion of an arm that does the action `row`: positions (N, D) of `joints`.
 
     `to_pre_grasp` leads to where the approach begins, `after` is the retreat of a place or the way
-    of a push, `back` leads to the posture at the start; both may be empty. `path` is the id of the
-    stored path of `to_pre_grasp`.
+    of a push, an opening or a turn, `back` leads to the posture at the start; both may be empty.
+    `path` is the id of the stored path of `to_pre_grasp`.
     """
 
     row: dict[str, Any]
@@ -131,7 +134,7 @@ def plan_action(
 ) -> ArmMotion | None:
     """A motion of a robot's arm to the first of these actions that it can do; else None.
 
-    The rows are grasps, places or pushes of one object, the best first. A stored path is followed
+    The rows are actions of one kind on one object, the best first. A stored path is followed
     if nothing has moved into its way. Else a motion is planned, for `seconds` at most each, and its
     path is stored. `state` are positions of joints at the start; the others are as the automaton
     carries. LookupError without the automaton; ManipulationError where the start touches something
@@ -142,7 +145,13 @@ def plan_action(
     _, arm = stored_arm(seen.session, automaton)
     start = _start(automaton, arm, state or {})
     planner = _Planner.of(seen, arm, base, {})._replace(automaton=automaton, start=start)
-    ways = {"grasp": planner.grasp, "place": planner.place, "push": planner.push}
+    ways = {
+        "grasp": planner.grasp,
+        "place": planner.place,
+        "push": planner.push,
+        "open": planner.open,
+        "turn": planner.turn,
+    }
     strokes, back = ways[rows[0]["kind"]](rows[0])
     some = [row for row in rows if row["entity"] == rows[0]["entity"]]
     return planner.first(some, strokes, back, seconds)
@@ -166,9 +175,9 @@ _Strokes = Callable[[dict[str, Any]], list[Stroke]]
 class _Planner(NamedTuple):
     """A robot at its place, its arm in a position.
 
-    Of the first of some actions on one object, `grasp`, `place` and `push` return what makes the
-    strokes of an action, and those from its end to the start. `read` has what is around objects, in
-    the map's frame.
+    Of the first of some actions on one object, `grasp`, `place`, `push`, `open` and `turn` return
+    what makes the strokes of an action, and those from its end to the start. `read` has what is
+    around objects, in the map's frame.
     """
 
     seen: Snapshot
@@ -262,6 +271,38 @@ class _Planner(NamedTuple):
             return [
                 Stroke(pose, there, fingers)
                 for pose, there in zip(poses, (room, around, around), strict=True)
+            ]
+
+        return strokes, lambda _: []
+
+    def open(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
+        """The gripper takes the handle, leads the part along, and leaves it."""
+        led = _LedPart.of(self, first["entity"])
+
+        def strokes(row: dict[str, Any]) -> list[Stroke]:
+            return [
+                Stroke(self.pose(row, "pre_pose"), led.room),
+                Stroke(self.pose(row, "pose"), led.around),
+                led.stroke(row, self.width(row)),
+            ]
+
+        def back(row: dict[str, Any]) -> list[Stroke]:
+            moved = led.moved(row)
+            away = [] if row["post_pose"] is None else [self.pose(row, "post_pose")]
+            return [*(Stroke(pose, moved) for pose in away), Stroke(self.rest, moved)]
+
+        return strokes, back
+
+    def turn(self, first: dict[str, Any]) -> tuple[_Strokes, _Strokes]:
+        """The closed gripper pushes the part about its hinge, and stays there."""
+        led = _LedPart.of(self, first["entity"])
+
+        def strokes(row: dict[str, Any]) -> list[Stroke]:
+            fingers = self.arm.gripper.postures[-1] | (row["posture"] or {})
+            return [
+                Stroke(self.pose(row, "pre_pose"), led.room, fingers),
+                Stroke(self.pose(row, "pose"), led.around, fingers),
+                led.stroke(row, 0.0)._replace(fingers=fingers),
             ]
 
         return strokes, lambda _: []
@@ -364,3 +405,46 @@ class _Planner(NamedTuple):
             return None
         after = straight_motions(self.arm, way[-1], others)
         return None if after is None else (int(row[0]), [way, *after])
+
+
+class _LedPart(NamedTuple):
+    """A part of the map that the gripper moves on its joint; obstacles in the robot's frame.
+
+    `around` is without what moves along, `room` with it where it is now.
+    """
+
+    planner: _Planner
+    part: MovingPart
+    triangles: Floats
+    around: Obstacles
+    room: Obstacles
+    body: Any
+
+    @classmethod
+    def of(cls, planner: _Planner, entity: str) -> _LedPart:
+        part = MovingPart.of(planner.seen, entity)
+        obstacles = obstacles_around(planner.seen, part.entity, AROUND, along=part.ids)
+        around = Obstacles(planner.local(obstacles.triangles))
+        along = world_triangles(planner.seen.session, list(part.ids))
+        triangles = np.concatenate([*along.values()])
+        room = around.joined(planner.local(triangles))
+        body = convex_body(part.pose.apply(part.corners))
+        return cls(planner, part, triangles, around, room, body)
+
+    def stroke(self, row: dict[str, Any], width: float) -> Stroke:
+        """The gripper keeps to the part along its way; no other link of the arm touches it."""
+        steps = self._steps(row)
+        through = self.planner.inverse @ steps @ row["pose"].matrix
+        held = Held(self.body, np.linalg.inv(row["pose"].matrix), width, led=True)
+        return Stroke(through[-1], self.around, held=held, through=through[1:])
+
+    def moved(self, row: dict[str, Any]) -> Obstacles:
+        """The obstacles where the part is at the end of its way."""
+        end = self._steps(row)[-1]
+        moved = self.triangles @ end[:3, :3].T + end[:3, 3]
+        return self.around.joined(self.planner.local(moved))
+
+    def _steps(self, row: dict[str, Any]) -> Floats:
+        """Displacements (K, 4, 4) of the part in the map's frame."""
+        motion = PartMotion.of_numbers(row["motion"]).moved(self.part.pose)
+        return motion.steps(np.asarray(self.part.pose.apply(self.part.corners)))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from semmap.arrays import Floats
 from semmap.manipulation.candidates import Grasp
+from semmap.manipulation.part_trial import OpeningOutcome
 from semmap.manipulation.trial import HEIGHT, Rest, TrialOutcome
 
 Cause = Literal["pushed", "missed", "dropped", "slipped", "turned"]
@@ -37,6 +38,9 @@ LIFTED, PUSHED, SLIPPED, TURNED = 0.9 * HEIGHT, 0.01, 0.03, 0.35
 OFF, TILTED = 0.02, 0.1
 """The most by which an object rests beside its place, and turned; metres and radians."""
 
+OPENED = 0.9
+"""The share of its way that a part is moved, at least."""
+
 
 def mismatch(outcome: TrialOutcome) -> Cause | None:
     """How the outcome of a grasp differs from the expected one; None for a success."""
@@ -56,6 +60,17 @@ def rest_mismatch(
     if rest.tilted > TILTED:
         return "toppled"
     return "strayed" if np.linalg.norm(np.subtract(rest.moved, way)) > off else None
+
+
+def opening_mismatch(
+    outcome: OpeningOutcome,
+) -> Literal["missed", "let go", "stuck"] | None:
+    """How the outcome of an opening or a turn differs from the expected one; None for a success."""
+    if not outcome.gripped:
+        return "missed"
+    if not outcome.held:
+        return "let go"
+    return "stuck" if outcome.opened < OPENED else None
 
 
 @dataclass(frozen=True, eq=False)

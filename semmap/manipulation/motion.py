@@ -38,9 +38,15 @@ class Held(NamedTuple):
     width: float
     """Metres between the pads."""
 
+    led: bool = False
+    """It moves on a joint of its own: what it touches beside the robot does not matter."""
+
 
 class Stroke(NamedTuple):
-    """A straight move of the gripper; the first one of several is any free motion instead."""
+    """A move of the gripper, straight unless it leads `through` other poses.
+
+    The first one of several is any free motion instead.
+    """
 
     pose: Floats
     """(4, 4) of the grasp frame at its end, in the robot's frame."""
@@ -52,6 +58,9 @@ class Stroke(NamedTuple):
     """Positions of the finger joints; by default open, or around the object that is held."""
 
     held: Held | None = None
+
+    through: Floats | None = None
+    """(K, 4, 4) poses of the grasp frame, near each other, of which the last one is `pose`."""
 
 
 def plan_motion(
@@ -90,7 +99,8 @@ def is_free(arm: Arm, position: Floats, stroke: Stroke) -> bool:
     if fingers is None and held is not None:
         fingers = arm.gripper.posture(held.width)
     item = None if held is None else (held.body, held.pose)
-    return arm.is_free(position, stroke.obstacles, fingers=fingers, held=item)
+    led = held is not None and held.led
+    return arm.is_free(position, stroke.obstacles, fingers=fingers, held=item, led=led)
 
 
 def _planned(arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float) -> Floats | None:
@@ -134,11 +144,17 @@ def _planned(arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float
 def straight_motion(arm: Arm, start: Floats, pose: Floats) -> Floats | None:
     """Positions (N, D) that move the gripper straight to a pose (4, 4) without turning it."""
     begin = arm.grasp_pose(start)
+    between = np.tile(pose, (10, 1, 1))
+    shares = np.linspace(0, 1, 11)[1:, None]
+    between[:, :3, 3] = (1 - shares) * begin[:3, 3] + shares * pose[:3, 3]
+    return led_motion(arm, start, between)
+
+
+def led_motion(arm: Arm, start: Floats, poses: Floats) -> Floats | None:
+    """Positions (N, D) that move the gripper through poses (K, 4, 4), the start before them."""
     found = [start]
-    for share in np.linspace(0, 1, 11)[1:]:
-        between = pose.copy()
-        between[:3, 3] = (1 - share) * begin[:3, 3] + share * pose[:3, 3]
-        position = arm.reach(between, found[-1], starts=1)
+    for pose in poses:
+        position = arm.reach(pose, found[-1], starts=1)
         if position is None or np.abs(position - found[-1]).max() > 0.5:
             return None
         found.append(position)
@@ -149,7 +165,10 @@ def straight_motions(arm: Arm, start: Floats, strokes: Sequence[Stroke]) -> list
     """The positions (N, D) of each of some strokes from a start (D,); None if one is not free."""
     found: list[Floats] = []
     for stroke in strokes:
-        moved = straight_motion(arm, start, stroke.pose)
+        if stroke.through is None:
+            moved = straight_motion(arm, start, stroke.pose)
+        else:
+            moved = led_motion(arm, start, stroke.through)
         if moved is None or not all(is_free(arm, p, stroke) for p in moved):
             return None
         found.append(moved)

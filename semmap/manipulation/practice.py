@@ -12,12 +12,23 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.evaluation import CORRECTIONS, Attempt, learn_grasp, rest_mismatch
+from semmap.manipulation.evaluation import (
+    CORRECTIONS,
+    Attempt,
+    learn_grasp,
+    opening_mismatch,
+    rest_mismatch,
+)
+from semmap.manipulation.handles import part_pieces
+from semmap.manipulation.moving_part import Aim, MovingPart
+from semmap.manipulation.openings import find_openings, find_turns
+from semmap.manipulation.part_motion import PartMotion
+from semmap.manipulation.part_trial import OpeningOutcome, PartTrial
 from semmap.manipulation.places import find_places
 from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.pushing import Push
 from semmap.manipulation.ranking import grasp_of_row
-from semmap.manipulation.reader import STORED, actions_on
+from semmap.manipulation.reader import STORED, actions_on, in_model
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.model_shapes import model_mesh
@@ -184,6 +195,68 @@ def practise_pushes(
     return _until_one_succeeds(seen, entity, "push", attempts())
 
 
+def practise_openings(
+    seen: Snapshot,
+    entity: str,
+    aim: Aim,
+    gripper: str | None = None,
+    *,
+    tries: int = 12,
+    mass: float | None = None,
+    friction: float = 0.5,
+) -> list[dict[str, Any]]:
+    """Try to open or turn a part until it gets there; store each outcome.
+
+    Each attempt has `action_id`, `family`, `opened` (the share of the way) and `outcome`. The part
+    is on its joint, which resists as that of a cabinet (`Resistance.usual`). As `practise_pushes`.
+    """
+    name = gripper_name(seen.session, gripper)
+    find = find_openings if aim == "open" else find_turns
+    found = find(seen, entity, gripper=name, limit=tries)
+    if not found.rows:
+        raise ManipulationError("; ".join(found.problems))
+    part = MovingPart.of(seen, entity)
+    motion = PartMotion.of_numbers(found.rows[0]["motion"])
+    trial = _part_trial(seen, part, name, motion, mass, friction)
+    told: list[dict[str, Any]] = []
+    for row in found.rows:
+        outcome = _moved(trial, row)
+        cause = opening_mismatch(outcome)
+        ends = {"action_id": row["action_id"], "family": row["family"]}
+        ends |= {"opened": round(outcome.opened, 3), "outcome": cause or "completed"}
+        told.append(ends)
+        _record_trial(seen, part.entity, aim, row["action_id"], cause)
+        if cause is None:
+            break
+    return told
+
+
+def _moved(trial: PartTrial, row: dict[str, Any]) -> OpeningOutcome:
+    """The outcome of a stored opening or turn."""
+    pose, before = row["model_pose"].matrix, in_model(row, "pre_pose")
+    if row["kind"] == "open":
+        return trial.open(pose, before, row["pre_posture"])
+    return trial.turn(pose, before, row["posture"])
+
+
+def _part_trial(
+    seen: Snapshot,
+    part: MovingPart,
+    gripper: str,
+    motion: PartMotion,
+    mass: float | None,
+    friction: float,
+) -> PartTrial:
+    """A trial of a part as it is turned in the map."""
+    surface = Mesh(np.asarray(part.mesh.vertices), np.asarray(part.mesh.faces, np.int32))
+    weight = _mass(seen, part.entity) if mass is None else mass
+    pieces = part_pieces(part.mesh, motion)
+    body = body_of(surface, mass=weight, friction=friction, pieces=pieces)
+    standing = np.eye(4)
+    standing[:3, :3] = part.pose.rotation_matrix
+    return PartTrial(stored_gripper(seen.session, gripper), body, standing, motion)
+
+
 _Attempted = tuple[dict[str, Any], NDArray[np.float64], Rest, str | None]
 """An action, the way of the object (3,) that it should lead to, and how it rests, and differs."""
 
@@ -204,12 +277,25 @@ def _until_one_succeeds(
             }
         )
         if cause != NOT_HELD:
-            outcome = "completed" if cause is None else "error"
-            values: dict[str, Any] = {"outcome": outcome, "simulated": True, "message": cause}
-            record_task(seen.session, entity, kind, action=row["action_id"], **values)
+            _record_trial(seen, entity, kind, row["action_id"], cause)
         if cause is None:
             break
     return told
+
+
+def _record_trial(seen: Snapshot, entity: str, kind: str, action: int, cause: str | None) -> None:
+    """Store how a simulated attempt ended."""
+    outcome = "completed" if cause is None else "error"
+    values: dict[str, Any] = {"outcome": outcome, "simulated": True, "message": cause}
+    record_task(seen.session, entity, kind, action=action, **values)
+
+
+def _mass(seen: Snapshot, entity: str) -> float | None:
+    """The mass that the map states of an entity, kg."""
+    ((weight,),) = seen.session.execute(
+        "SELECT (properties->>'mass')::float8 FROM entity WHERE id = entity_id(%s)", (entity,)
+    ).fetchall()
+    return weight or None
 
 
 def _trial(
@@ -222,11 +308,9 @@ def _trial(
 ) -> Trial:
     """A trial of an object as it stands in the map, or at a pose."""
     mesh = model_mesh(seen, entity)
-    ((weight,),) = seen.session.execute(
-        "SELECT (properties->>'mass')::float8 FROM entity WHERE id = entity_id(%s)", (entity,)
-    ).fetchall()
     surface = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32))
-    body = body_of(surface, mass=mass if mass is not None else weight or None, friction=friction)
+    weight = _mass(seen, entity) if mass is None else mass
+    body = body_of(surface, mass=weight, friction=friction)
     standing = np.eye(4)
     standing[:3, :3] = (stands or entity_pose(seen, entity)).rotation_matrix
     standing[2, 3] = 5e-4 - (surface.vertices @ standing[:3, :3].T)[:, 2].min()

@@ -21,6 +21,9 @@ from semmap.manipulation.gripper import Gripper
 SAFETY = 0.05
 """Metres between pre-push and push."""
 
+TIP = 0.01
+"""Metres by which pads end in front of their middle."""
+
 DIRECTIONS = 16
 """Directions of pushes."""
 
@@ -83,7 +86,7 @@ def push_candidates(
         raise ManipulationError("object: seen from above it has no area; give the mesh of a solid")
     middle = np.array(hull.centroid.coords[0])
     level = placed[:, 2].min() + height * np.ptp(placed[:, 2])
-    tip = float(gripper.reaches[-1]) + 0.01  # pads end this far in front of their middle
+    tip = float(gripper.reaches[-1]) + TIP
     found = []
     for angle in 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS):
         along = np.array([np.cos(angle), np.sin(angle)])

@@ -12,6 +12,7 @@ from semmap.manipulation.arm import Arm
 from semmap.manipulation.arm_motions import plan_action
 from semmap.manipulation.automata import base_pose, reachable_rows, register_robot, stored_arm
 from semmap.manipulation.found_actions import FoundActions
+from semmap.manipulation.openings import find_openings, find_turns
 from semmap.manipulation.places import find_places
 from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.reader import STORED
@@ -78,6 +79,18 @@ class RobotActions:
         reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
         found = find_pushes(self.seen, name, gripper=self.gripper, distance=distance, **reach)
         return self._planned(found, "to_pre_push", "push_positions")
+
+    def openings(self, name: str, **asked: Any) -> FoundActions:
+        """The ways to open a part that the arm reaches; arguments as of `find_openings`."""
+        reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
+        found = find_openings(self.seen, name, gripper=self.gripper, **asked, **reach)
+        return self._planned(found, "to_pre_grasp", "open_positions")
+
+    def turns(self, name: str, **asked: Any) -> FoundActions:
+        """The ways to turn a part that the arm reaches; arguments as of `find_turns`."""
+        reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
+        found = find_turns(self.seen, name, gripper=self.gripper, **asked, **reach)
+        return self._planned(found, "to_pre_push", "turn_positions")
 
     def _planned(self, found: FoundActions, before: str, after: str) -> FoundActions:
         """The action of a motion, its positions before and after the approach under these keys."""

@@ -24,18 +24,38 @@ AT_ONCE = 32
 
 
 def obstacles_around(
-    seen: Snapshot, entity: str, reach: float = REACH, *, without: str | None = None
+    seen: Snapshot,
+    entity: str,
+    reach: float = REACH,
+    *,
+    without: str | None = None,
+    along: Sequence[int] = (),
 ) -> Obstacles:
-    """The triangles of all entities within reach of one, without it or `without`, map's frame."""
+    """The triangles of all entities within reach of one, without it or `without`, map's frame.
+
+    Those with ids `along` are left out, too.
+    """
+    return Obstacles(_triangles(seen, ids_around(seen, entity, reach, without, along)))
+
+
+def ids_around(
+    seen: Snapshot,
+    entity: str,
+    reach: float = REACH,
+    without: str | None = None,
+    along: Sequence[int] = (),
+) -> list[int]:
+    """The ids of the entities that are the obstacles of `obstacles_around`."""
     rows = seen.session.execute(
         "SELECT o.entity_id FROM entity e JOIN world w ON w.entity_id = e.id "
         "JOIN world o ON o.map_id = w.map_id AND o.entity_id <> entity_id(%s) "
         "AND o.box && grown(w.box, %s) AND o.box &&& grown(w.box, %s) "
         "JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' "
-        "WHERE e.map_id = (SELECT current_map()) AND e.name = %s",
-        (without or entity, reach, reach, entity),
+        "WHERE e.map_id = (SELECT current_map()) AND e.name = %s "
+        "AND o.entity_id <> ALL (%s::bigint[])",
+        (without or entity, reach, reach, entity, list(along)),
     ).fetchall()
-    return Obstacles(_triangles(seen, [number for (number,) in rows]))
+    return [number for (number,) in rows]
 
 
 def entity_pose(seen: Snapshot, entity: str) -> Pose:

@@ -69,20 +69,21 @@ def body_of(
     density: float = 500.0,
     friction: float = 0.5,
     offset: Sequence[float] = (0.0, 0.0, 0.0),
+    pieces: tuple[Mesh, ...] | None = None,
 ) -> Body:
     """An object for trials, of `mass` in kg, else of the density in kg/m³.
 
-    A mesh is made up of convex pieces (`convex_pieces`), which takes 4 to 20 s of a mug. A
-    solid lies at `pose` (4, 4); `offset` moves the centre of mass, metres, in the model's frame.
+    A mesh is made up of convex pieces, by default `convex_pieces`, which takes 4 to 20 s of a mug.
+    A solid lies at `pose` (4, 4); `offset` moves the centre of mass, metres, in the model's frame.
     """
     pose = np.eye(4) if pose is None else pose
     if isinstance(given, ConvexSolid):
         made = given.mesh()
         mesh = Mesh(made.vertices @ pose[:3, :3].T + pose[:3, 3], made.faces)
-        pieces: tuple[Mesh, ...] = (mesh,)
+        pieces = (mesh,)
         volume, centre = given.volume, pose[:3, :3] @ given.centre + pose[:3, 3]
     else:
-        mesh, pieces = given, convex_pieces(given)
+        mesh, pieces = given, convex_pieces(given) if pieces is None else pieces
         solids = [solid_hull(piece.vertices) for piece in pieces]
         volumes = np.array([each[0] for each in solids])
         volume = float(volumes.sum())
@@ -137,10 +138,7 @@ class Trial:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.impratio = 10.0
-        floor = spec.worldbody.add_geom(
-            name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1]
-        )
-        floor.friction = [0.5, 0.005, 1e-4]
+        self._add_surroundings(spec)
         self._add_object(spec)
         self._add_gripper(spec)
         if gripper.cup is not None:
@@ -154,10 +152,18 @@ class Trial:
             )
         self._actuators = [self.model.actuator(name).id for name in gripper.joints]
 
+    def _add_surroundings(self, spec: Any) -> None:
+        plane = self._mujoco.mjtGeom.mjGEOM_PLANE
+        floor = spec.worldbody.add_geom(name="table", type=plane, size=[2, 2, 0.1])
+        floor.friction = [0.5, 0.005, 1e-4]
+
+    def _add_joint(self, item: Any) -> None:
+        item.add_freejoint()
+
     def _add_object(self, spec: Any) -> None:
         mujoco, body = self._mujoco, self.body
         item = spec.worldbody.add_body(name="object", **mujoco_pose(self.standing))
-        item.add_freejoint()
+        self._add_joint(item)
         size = np.ptp(body.mesh.used, axis=0)
         item.explicitinertial, item.mass = True, body.mass
         item.ipos = body.centre

@@ -11,7 +11,7 @@ import numpy as np
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.ingest.scenes.mjcf_size import check_size
-from semmap.ingest.scenes.scene_nodes import SceneNode, scene_world
+from semmap.ingest.scenes.scene_nodes import SceneJoint, SceneNode, scene_world
 from semmap.ingest.scenes.solids import solid
 from semmap.ingest.sdf.elements import Unusable, leaving_out
 from semmap.ingest.sdf.models import Role
@@ -64,6 +64,7 @@ def read_mjcf(path: Path, *, geometry: Role = "visual") -> World:
         pose = _pose(data.xpos[body], data.xmat[body])
         name = model.body(body).name or f"body{body}"
         bodies[body] = SceneNode(name, pose, [], bodies.get(int(model.body_parentid[body])))
+        bodies[body].joint = _joint(mujoco, model, body)
         nodes.append(bodies[body])
     for geom in _shown(model, geometry):
         where = f"geom {model.geom(geom).name or geom}"
@@ -79,6 +80,24 @@ def read_mjcf(path: Path, *, geometry: Role = "visual") -> World:
     world = scene_world(path, nodes, name, skipped)
     world.notes += [f"MuJoCo warns: {' '.join(text.split())}" for text in warnings]
     return world
+
+
+def _joint(mujoco: Any, model: Any, body: int) -> SceneJoint | None:
+    """Return how a body moves; None where it has no joint."""
+    count, first = int(model.body_jntnum[body]), int(model.body_jntadr[body])
+    if not count:
+        return None
+    kinds = {mujoco.mjtJoint.mjJNT_SLIDE: "prismatic", mujoco.mjtJoint.mjJNT_HINGE: "continuous"}
+    kind = kinds.get(mujoco.mjtJoint(int(model.jnt_type[first])), "floating")
+    lower = upper = None
+    if model.jnt_limited[first] and kind != "floating":
+        kind = "revolute" if kind == "continuous" else kind
+        zero = float(model.qpos0[model.jnt_qposadr[first]])
+        lower, upper = (float(end) - zero for end in model.jnt_range[first])
+    x, y, z = model.jnt_pos[first].tolist()
+    dx, dy, dz = model.jnt_axis[first].tolist()
+    kind = kind if count == 1 else "several"
+    return SceneJoint(kind, (x, y, z), (dx, dy, dz), lower, upper)
 
 
 def _shown(model: Any, geometry: Role) -> Iterator[int]:

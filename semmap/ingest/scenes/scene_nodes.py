@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -30,6 +30,26 @@ from semmap.ingest.world import (
 from semmap.limits import EXTENT, TRIANGLES
 
 
+@dataclass(frozen=True)
+class SceneJoint:
+    """How a node moves against the node above it; `point` and `axis` are in its own frame.
+
+    The type is one of URDF; limits are radians or metres, None where there are none.
+    """
+
+    type: str
+    point: tuple[float, float, float]
+    axis: tuple[float, float, float]
+    lower: float | None
+    upper: float | None
+
+    def seen_from(self, pose: Pose) -> SceneJoint:
+        """Return the joint, given in a frame of this pose, in the frame around it."""
+        x, y, z = pose.apply([self.point])[0].tolist()
+        dx, dy, dz = (pose.rotation_matrix @ self.axis).tolist()
+        return replace(self, point=(x, y, z), axis=(dx, dy, dz))
+
+
 @dataclass(eq=False)
 class SceneNode:
     """A node: its name, its pose, its surfaces, and the node above it.
@@ -37,6 +57,7 @@ class SceneNode:
     Pose and surfaces are in the map's frame, metres, z up. `lost`: it has surfaces in the file that
     cannot be used, so that it is an object also without one. `stated` has kind, type, label and
     properties of one of which the file states them; else it is an object, its type is guessed.
+    Without a `joint`, it is fixed to the node above it.
     """
 
     name: str
@@ -45,6 +66,7 @@ class SceneNode:
     above: SceneNode | None = None
     lost: bool = False
     stated: Entry | None = None
+    joint: SceneJoint | None = None
 
 
 def scene_world(
@@ -53,7 +75,8 @@ def scene_world(
     """Return the world of a scene: an object for each node with a surface, or with a lost one.
 
     The nearest node above it that is an object, too, holds it. Types are guessed from the names.
-    A node of which the file states what it is needs no surface.
+    A node of which the file states what it is needs no surface. The joints of what moves become
+    properties (`semmap.manipulation.moving_part` describes them).
     `skipped` is what was left out of the nodes.
 
     Raises
@@ -79,8 +102,11 @@ def scene_world(
         except MeshFileError as error:
             world.skipped.append(Skipped(node.name, error.problem, error.fix))
             continue
-        above = node.above
+        above, joint = node.above, node.joint
         while above is not None and above not in made:
+            if above.joint is not None:
+                moved = above.joint.seen_from(node.pose.inverse() @ above.pose)
+                joint = moved if joint is None else replace(joint, type="several")
             above = above.above
         name = unique_name(node.name, taken)
         entry = replace(node.stated or Entry(name, "object"), name=name, pose=node.pose)
@@ -92,6 +118,11 @@ def scene_world(
                 _make_place(entry, mesh)
         if above is not None:
             entry.holder, entry.pose = made[above].name, above.pose.inverse() @ node.pose
+        if joint is not None:
+            stated = {"joint": asdict(joint) | {"closed": list(entry.pose or node.pose)}}
+            entry.properties = entry.properties | stated
+        elif above is not None and "joint" in made[above].properties:
+            entry.properties = entry.properties | {"joint": {"type": "fixed"}}
         if node.stated is None:
             give_type(entry, (node.name,))
         taken.add(entry.name)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import IDENTITY, Pose
-from semmap.ingest.scenes.scene_nodes import SceneNode, scene_world
+from semmap.ingest.scenes.scene_nodes import SceneJoint, SceneNode, scene_world
 from semmap.ingest.scenes.solids import solid_element
 from semmap.ingest.sdf.elements import Unusable, leaving_out, numbers
 from semmap.ingest.sdf.geometries import Geometries
@@ -28,6 +29,12 @@ ATTRIBUTES = {
 }
 """The attributes of URDF's geometries, and the elements of SDF that mean the same."""
 
+LIMITED = ("revolute", "prismatic")
+"""Types of joints whose limits matter."""
+
+MOVING = (*LIMITED, "continuous", "planar", "floating")
+"""Types of joints that are not fixed."""
+
 
 def read_urdf_scene(
     path: Path, *, geometry: Role = "visual", model_path: Sequence[Path] = ()
@@ -35,9 +42,9 @@ def read_urdf_scene(
     """Return the world of a URDF file: an object for each link that has geometry.
 
     The frame of the root link is that of the map. An object has the pose of its link; the nearest
-    link above it that has geometry holds it. A link without geometry of the required kind has that
-    of the other; one whose geometry is missing has its pose alone. Meshes are searched as those of
-    SDF (`semmap.ingest.sdf.resources.Resources`).
+    link above it that has geometry holds it, and its joint is a property. A link without geometry
+    of the required kind has that of the other; one whose geometry is missing has its pose alone.
+    Meshes are searched as those of SDF (`semmap.ingest.sdf.resources.Resources`).
 
     Raises
     ------
@@ -51,8 +58,12 @@ def read_urdf_scene(
     PARTS.check(shapes, partial(WorldError, path, "robot"), "Join its shapes.")
     geometries, skipped = Geometries(Resources(model_path)), list[Skipped]()
     nodes: dict[str, SceneNode] = {}
+    moving = {_attribute(joint.find("child"), "link"): joint for joint in joints}
     for name, above, pose in _tree(path, links, joints):
         node = nodes[name] = SceneNode(name, pose, [], nodes.get(above))
+        if name in moving:
+            with leaving_out(skipped):
+                node.joint = _joint(moving[name])
         for role in (geometry, "collision" if geometry == "visual" else "visual"):
             for element in links[name].iterfind(role):
                 node.lost = True  # unless one of its surfaces is usable
@@ -97,6 +108,38 @@ def _tree(
         fix = "Join all links by joints into one tree."
         raise WorldError(path, f"link {missing}", "is in a circle of joints", fix)
     return found
+
+
+def _joint(joint: Element) -> SceneJoint | None:
+    """Return how a joint moves its child, whose frame is the joint's; None for a fixed one."""
+    kind = joint.get("type", "")
+    if kind not in MOVING:
+        return None
+    where = f"joint {joint.get('name', '')}".rstrip()
+    words = Element("axis")
+    given = joint.find("axis")
+    words.text = "1 0 0" if given is None else given.get("xyz", "1 0 0")
+    x, y, z = numbers(words, 3, f"{where}: axis")
+    lower, upper = None, None
+    if kind in LIMITED:
+        ends = [_limit(joint.find("limit"), name, where) for name in ("lower", "upper")]
+        lower, upper = ends
+        if lower > upper:
+            problem = f"its limits are {lower:g} and {upper:g}"
+            raise Unusable(where, problem, "Give lower <= upper.")
+    return SceneJoint(kind, (0.0, 0.0, 0.0), (x, y, z), lower, upper)
+
+
+def _limit(limit: Element | None, name: str, where: str) -> float:
+    """Return an end of a joint's way, which URDF takes as 0 where it is not stated."""
+    text = "0" if limit is None else limit.get(name, "0")
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not isfinite(value):
+        raise Unusable(f"{where}: limit", f"{name} is {text!r}", "Give a finite number.")
+    return value
 
 
 def _surface(element: Element, geometries: Geometries, path: Path, where: str) -> Mesh:
