@@ -2,8 +2,8 @@
 
 Imports keep the joint of a link as the property `joint` of its object: `type` (as in URDF), `axis`
 through `point` in the object's own frame, `lower` and `upper` (radians or metres, null where there
-is no limit), and `closed`, its pose in the frame of its holder with the joint at zero. What is
-fixed to a part that moves has the type fixed.
+is no limit), and `closed`, its pose with the joint at zero in the frame of the object that it is
+`jointed_to`, by a link, else of the map. What is fixed to a part that moves has the type fixed.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class MovingPart:
     """An object of the map that moves with all that it holds.
 
     `mesh` is in the frame of its model, with what is fixed to it; `pose` is where it is in the map.
-    `ids` are of all that moves along, `holders` of what it is in or on.
+    `ids` are of all that moves along, `holders` of what it is in or on. `placed` is its pose in the
+    frame of what it is jointed to.
     """
 
     entity: str
@@ -66,7 +67,7 @@ class MovingPart:
         row = seen.session.execute(PART, (entity,)).fetchone()
         if row is None:
             raise ManipulationError(f"{entity}: has no pose in the map: semmap put gives it one")
-        name, joint, placed = row
+        name, joint, base, at_base = row
         along = seen.session.execute(ALONG, (name,)).fetchall()
         pose = entity_pose(seen, name)
         meshes = [model_mesh(seen, name)]
@@ -78,7 +79,10 @@ class MovingPart:
         holders = [number for (number,) in seen.session.execute(HOLDERS, (name,)).fetchall()]
         ids = [entity_id(seen.session, other) for other, *_ in along]
         whole: Any = meshes[0] if len(meshes) == 1 else trimesh.util.concatenate(meshes)
-        return cls(name, whole, pose, tuple(ids), tuple(holders), joint, Pose(*placed))
+        if base is not None:
+            holders.append(base)
+        placed = Pose(*at_base).inverse() @ pose if at_base else pose
+        return cls(name, whole, pose, tuple(ids), tuple(holders), joint, placed)
 
     @cached_property
     def corners(self) -> Floats:
@@ -198,20 +202,22 @@ def unknown_axis(seen: Snapshot, entity: str) -> ManipulationError:
 
 
 PART = """
-WITH RECURSIVE part (id, holder, pose, joint, depth) AS (
-    SELECT e.id, p.holder_id, p.pose, e.properties->'joint', 0
+WITH RECURSIVE part (id, holder, joint, depth) AS (
+    SELECT e.id, p.holder_id, e.properties->'joint', 0
     FROM entity e JOIN placement p ON p.entity_id = e.id
     WHERE e.map_id = current_map() AND e.name = %s
     UNION ALL
-    SELECT e.id, p.holder_id, p.pose, e.properties->'joint', part.depth + 1
+    SELECT e.id, p.holder_id, e.properties->'joint', part.depth + 1
     FROM part JOIN entity e ON e.id = part.holder JOIN placement p ON p.entity_id = e.id
     WHERE part.joint->>'type' = 'fixed' AND e.properties ? 'joint'
 )
-SELECT e.name, part.joint, part.pose FROM part JOIN entity e ON e.id = part.id
+SELECT e.name, part.joint, l.to_id, w.pose FROM part JOIN entity e ON e.id = part.id
+LEFT JOIN link l ON l.from_id = part.id AND l.relation = 'jointed_to'
+LEFT JOIN world w ON w.entity_id = l.to_id
 ORDER BY part.joint->>'type' IN ('revolute', 'continuous', 'prismatic') DESC NULLS LAST, depth
 LIMIT 1
 """
-"""The entity or, where it is fixed to one that moves, that one."""
+"""The entity or, where it is fixed to one that moves, that one; and what it is jointed to."""
 
 ALONG = """
 WITH RECURSIVE part (id, fixed) AS (

@@ -37,10 +37,6 @@ from semmap.query.entity_query import entity_id
 from semmap.query.meshes import world_triangles
 from semmap.query.snapshot import Snapshot
 
-REACHED = 40
-"""Free actions among which those that an arm reaches are looked for, for each that is wanted."""
-
-
 def find_openings(seen: Snapshot, entity: str, **asked: Any) -> FoundActions:
     """The best ways to open a part by its handle; generated where none is stored.
 
@@ -115,8 +111,7 @@ def _find(
     blocked = way.blocked()
     if blocked is not None:
         return FoundActions([], [blocked], generated)
-    wanted = limit if arm is None or base is None else REACHED
-    found = way.free_rows(rows, hand, wanted)
+    found = way.free_rows(rows, hand, limit if arm is None or base is None else len(rows))
     if not found:
         problem = (
             f"{part.entity}: at all {len(rows)} ways to {aim} it, the gripper touches what is "

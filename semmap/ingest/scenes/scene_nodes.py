@@ -25,9 +25,14 @@ from semmap.ingest.world import (
     StoreyDetail,
     World,
     WorldError,
+    WorldLink,
     unique_name,
 )
 from semmap.limits import EXTENT, TRIANGLES
+
+
+JOINTED = "jointed_to"
+"""The relation of what moves on a joint to the object against which it moves."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,8 @@ def scene_world(
         if joint is not None:
             stated = {"joint": asdict(joint) | {"closed": list(entry.pose or node.pose)}}
             entry.properties = entry.properties | stated
+            if entry.holder is not None:
+                world.links.append(WorldLink(entry.name, JOINTED, entry.holder))
         elif above is not None and "joint" in made[above].properties:
             entry.properties = entry.properties | {"joint": {"type": "fixed"}}
         if node.stated is None:
