@@ -37,6 +37,7 @@ from semmap.query.entity_query import entity_id
 from semmap.query.meshes import world_triangles
 from semmap.query.snapshot import Snapshot
 
+
 def find_openings(seen: Snapshot, entity: str, **asked: Any) -> FoundActions:
     """The best ways to open a part by its handle; generated where none is stored.
 

@@ -17,12 +17,15 @@ from semmap.arrays import Floats
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.part_motion import PartMotion
-from semmap.manipulation.trial import APPROACH, CLOSE, REST, STEP, Body, Trial
+from semmap.manipulation.trial import APPROACH, CLOSE, REST, STEP, STIFFNESS, Body, Trial
 
 SPEED = 0.2
 """Metres a second by which the grasped point of the part is led."""
 
-STIFFNESS = 1500.0
+GRIP = 70.0
+"""Newtons of a motor that closes fingers on a handle: the grasping force of a Panda's hand."""
+
+PULL = 1500.0
 """Newtons a metre of the spring that leads the palm; a Panda's arm goes to 3000."""
 
 TURNING = 50.0
@@ -60,6 +63,8 @@ class OpeningOutcome:
 
 class PartTrial(Trial):
     """A gripper, and a part of pose (4, 4) with its motion in the frame of its model, simulated."""
+
+    force = GRIP
 
     def __init__(
         self,
@@ -110,7 +115,7 @@ class PartTrial(Trial):
         Poses are in the frame of the model; the robot has them wrong by `error` (4, 4) there.
         `opened` are the joints of the open fingers.
         """
-        shut = dict(self.gripper.postures[-1])
+        shut = self._squeezing(opened)
         way = self._way(error)
         self._reset(opened, way(0, before))
         self._drive(opened, opened, way(0, before), way(0, pose), APPROACH)
@@ -137,6 +142,19 @@ class PartTrial(Trial):
         self._drive(fingers, fingers, way(1, pose), way(1, pose), REST)
         touched = bool(self._normals())
         return OpeningOutcome(self._share(), begun < 0.5, touched)
+
+    def _squeezing(self, opened: Mapping[str, float]) -> dict[str, float]:
+        """Targets of the fingers, so far beyond shut that their motors press with all their force.
+
+        Handles are thin: a motor that is sent to where the fingers meet would press little.
+        """
+        shut = self.gripper.postures[-1]
+        beyond = GRIP / STIFFNESS  # metres; radians of fingers that turn: as much at 20 cm
+        lengths = {j.name: 1 if j.type == "prismatic" else 0.2 for j in self.gripper.robot.joints}
+        return {
+            name: shut[name] + np.sign(shut[name] - opened[name]) * beyond / lengths[name]
+            for name in self.gripper.joints
+        }
 
     def _way(self, error: Floats | None) -> Callable[[float, Floats], Floats]:
         """Where a pose of the model's frame is led to after a share of the motion."""
@@ -217,9 +235,7 @@ class PartTrial(Trial):
         led = Rotation.from_matrix(goal[:3, :3] @ last[:3, :3].T).as_rotvec() / STEP
         wanted = (goal - last)[:3, 3] / STEP
         spin = here[:3, :3] @ speed[3:]  # of a free joint, in the frame of its body
-        force = STIFFNESS * (goal - here)[:3, 3] + 2 * np.sqrt(STIFFNESS * mass) * (
-            wanted - speed[:3]
-        )
+        force = PULL * (goal - here)[:3, 3] + 2 * np.sqrt(PULL * mass) * (wanted - speed[:3])
         torque = TURNING * turn + 2 * np.sqrt(TURNING * inertia) * (led - spin)
         self.data.xfrc_applied[palm.id] = [*force, *torque]
 

@@ -48,6 +48,10 @@ FORCE = 25.0
 """Newtons of a motor that slides fingers; one that turns them has as much at 10 cm."""
 
 
+STIFFNESS = 2000.0
+"""Newtons a metre by which such a motor holds its position."""
+
+
 @dataclass(frozen=True, eq=False)
 class Body:
     """An object for a trial, in kg: convex pieces of its mesh, or a solid at `pose` (4, 4)."""
@@ -127,6 +131,8 @@ class Rest:
 
 class Trial:
     """A gripper and an object, whose model stands at (4, 4) on a table at z = 0, simulated."""
+
+    force = FORCE
 
     def __init__(self, gripper: Gripper, body: Body, standing: Floats) -> None:
         self.gripper, self.body, self.standing = gripper, body, standing
@@ -250,8 +256,8 @@ class Trial:
             if joint.mimics is not None:
                 followers.append(joint)
             elif joint.name in driven:
-                force = FORCE if slides else FORCE / 10
-                stiffness = 2000.0 if slides else 40.0
+                force = self.force if slides else self.force / 10
+                stiffness = STIFFNESS if slides else STIFFNESS / 50
                 motor = spec.add_actuator(
                     name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
                 )

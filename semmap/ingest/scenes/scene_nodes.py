@@ -30,7 +30,6 @@ from semmap.ingest.world import (
 )
 from semmap.limits import EXTENT, TRIANGLES
 
-
 JOINTED = "jointed_to"
 """The relation of what moves on a joint to the object against which it moves."""
 
