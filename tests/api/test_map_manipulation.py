@@ -159,7 +159,12 @@ REFUSED: dict[str, tuple[str, tuple[Any, ...], dict[str, Any], str]] = {
     ),
     "a message": ("record_attempt", ("cup1", None, "error"), {"message": "\0"}, "cannot be stored"),
     "no tries": ("practise", ("cup1",), {"tries": 0}, "tries is 0"),
-    "both": ("practise", ("cup1",), {"on": "table", "push": True}, "give one of on and push"),
+    "both": (
+        "practise",
+        ("cup1",),
+        {"on": "table", "push": True},
+        "give one of on, push, open_ and turn",
+    ),
     "no tasks": ("list_manipulations", (-1,), {}, "limit is -1"),
 }
 
