@@ -90,7 +90,7 @@ def kitchen(cabinet: Cabinet, robot: str, db: semmap.Database) -> semmap.Map:
 def main(cabinets: int = CABINETS) -> None:
     """Print the share of successes of each kind of cabinet by both grippers."""
     rows, random = [], np.random.default_rng(5)
-    for robot, kind, form in product(("panda", "pr2"), KINDS, FORMS):
+    for kind, form, robot in product(KINDS, FORMS, ("panda", "pr2")):
         told: list[str] = []
         for seed in track(range(cabinets), f"{robot}: {kind}, {form}", transient=True):
             cabinet = Cabinet.random(1000 + seed, kind, form)

@@ -28,6 +28,9 @@ GRIP = 70.0
 PULL = 1500.0
 """Newtons a metre of the spring that leads the palm; a Panda's arm goes to 3000."""
 
+STRONGEST = 100.0
+"""Newtons of the spring and the damper, at most: a stuck part stays where it is."""
+
 TURNING = 50.0
 """Newton metres a radian of the spring that turns the palm."""
 
@@ -237,6 +240,7 @@ class PartTrial(Trial):
         spin = here[:3, :3] @ speed[3:]  # of a free joint, in the frame of its body
         force = PULL * (goal - here)[:3, 3] + 2 * np.sqrt(PULL * mass) * (wanted - speed[:3])
         torque = TURNING * turn + 2 * np.sqrt(TURNING * inertia) * (led - spin)
+        force *= min(1.0, STRONGEST / max(float(np.linalg.norm(force)), 1e-9))
         self.data.xfrc_applied[palm.id] = [*force, *torque]
 
     def _weights(self, palm: int) -> tuple[float, float]:
