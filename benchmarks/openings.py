@@ -23,7 +23,7 @@ from benchmarks.timing import Row, print_rows
 from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.evaluation import opening_mismatch
-from semmap.manipulation.gripper import read_gripper
+from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.handles import part_pieces
 from semmap.manipulation.moving_part import MovingPart
 from semmap.manipulation.part_motion import PartMotion

@@ -121,8 +121,8 @@ class Command:
         at, spot = _pose(value["at"]), _pose(value["spot"])
         camera = _pose(value.get("camera"))
         arguments = tuple(value["arguments"])
-        own = {name: value.get(name) for name in ("action", "motion")}
-        return cls(value["behaviour"], arguments, step, at, spot, value["seconds"], camera, **own)
+        how = value.get("action"), value.get("motion")
+        return cls(value["behaviour"], arguments, step, at, spot, value["seconds"], camera, *how)
 
 
 def commands_of(plan: Plan) -> list[Command]:

@@ -416,18 +416,18 @@ class _LedPart(NamedTuple):
     planner: _Planner
     part: MovingPart
     triangles: Floats
-    around: Obstacles
-    room: Obstacles
+    around: PlacedObstacles
+    room: PlacedObstacles
     body: Any
 
     @classmethod
     def of(cls, planner: _Planner, entity: str) -> _LedPart:
         part = MovingPart.of(planner.seen, entity)
         obstacles = obstacles_around(planner.seen, part.entity, AROUND, along=part.ids)
-        around = Obstacles(planner.local(obstacles.triangles))
+        around = PlacedObstacles([obstacles], planner.inverse)
         along = world_triangles(planner.seen.session, list(part.ids))
         triangles = np.concatenate([*along.values()])
-        room = around.joined(planner.local(triangles))
+        room = around.joined(Obstacles(triangles))
         body = convex_body(part.pose.apply(part.corners))
         return cls(planner, part, triangles, around, room, body)
 
@@ -438,11 +438,11 @@ class _LedPart(NamedTuple):
         held = Held(self.body, np.linalg.inv(row["pose"].matrix), width, led=True)
         return Stroke(through[-1], self.around, held=held, through=through[1:])
 
-    def moved(self, row: dict[str, Any]) -> Obstacles:
+    def moved(self, row: dict[str, Any]) -> PlacedObstacles:
         """The obstacles where the part is at the end of its way."""
         end = self._steps(row)[-1]
         moved = self.triangles @ end[:3, :3].T + end[:3, 3]
-        return self.around.joined(self.planner.local(moved))
+        return self.around.joined(Obstacles(moved))
 
     def _steps(self, row: dict[str, Any]) -> Floats:
         """Displacements (K, 4, 4) of the part in the map's frame."""
