@@ -225,6 +225,14 @@ def test_bad_input_is_refused_and_changes_nothing(db: Database, case: str, tmp_p
     assert db.session.execute(count).fetchone() == before
 
 
+MADE = (
+    "INSERT INTO object_model (key) VALUES ('mesh:of-this-test')",
+    "INSERT INTO device (id, name, kind) VALUES (-1, 'of this test', 'gripper')",
+    "INSERT INTO gripper (device_id, form, opening, depth) VALUES (-1, 'parallel', 0.1, 0.1)",
+)
+"""An object model and a gripper."""
+
+
 def test_the_table_takes_slides_and_hinges_alone(db: Database) -> None:
     for count, kind in ((3, "open"), (7, "open"), (6, "open"), (3, "turn")):
         statement = (
@@ -233,6 +241,8 @@ def test_the_table_takes_slides_and_hinges_alone(db: Database) -> None:
             "FROM object_model o, gripper g LIMIT 1"
         )
         with db.session.transaction() as transaction:
+            for made in MADE:
+                db.session.execute(made)
             if kind == "open" and count != 6:
                 assert db.session.execute(statement, (kind, count)).rowcount == 1
             else:
