@@ -41,11 +41,12 @@ class Command:
         one is known; determined when the command begins.
     motion
         For pickup and place by a robot whose arm is known: how the arm moves; determined with the
-        action. It has the `joints`, the fingers' `width` in metres around the object, the `pose` of
-        the grasp frame where the fingers close or open, in the map's frame, and in order the
-        `ways`: positions of the joints, radians or metres, (N, D) each. A pickup has the ways to
-        where the approach begins, to the grasp, and back to how the arm is carried; a place those
-        to where the object goes down, to its spot, off it, and back.
+        action. It has the `joints`, the `width` between the fingers around the object (metres; None
+        of suction cups), the `pose` of the grasp frame where the hand closes or opens, in the map's
+        frame (seven numbers), and the ways, (N, D) positions of the joints, radians or metres:
+        `to_pre_grasp`, to where the approach begins, `approach`, `after`, off what was put down,
+        and `back`, to how the arm is carried. Each begins where the one before ends; one that the
+        action lacks is empty.
     """
 
     behaviour: str

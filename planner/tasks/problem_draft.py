@@ -120,8 +120,9 @@ class ProblemDraft:
                 where = item.holder if places is None else item.place
                 if where not in (problem.candidates[target] if places is None else places):
                     return False
-                if places is None and atom.relation == "in" and where is not None:
-                    return self.world.objects[where].has_inside(item)
+                inside = places is None and atom.relation == "in" and where is not None
+                if inside and not self.world.objects[str(where)].has_inside(item):
+                    return False
         return True
 
     @cached_property

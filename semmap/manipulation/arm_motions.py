@@ -52,6 +52,10 @@ ASKED = 60
 """Actions in a row that an arm does not do, after which others count by their reach alone."""
 
 
+WAYS = ("to_pre_grasp", "approach", "after", "back")
+"""The ways of a motion, in order."""
+
+
 @dataclass(frozen=True)
 class ArmMotion:
     """A motion of an arm that does the action `row`: positions (N, D) of `joints`.
@@ -72,14 +76,9 @@ class ArmMotion:
     seconds: float
 
     def as_json(self) -> dict[str, Any]:
-        """As plain values: `joints`, `width`, `pose` of the grasp frame in the map, and `ways`."""
-        ways = (self.to_pre_grasp, self.approach, self.after, self.back)
-        return {
-            "joints": [*self.joints],
-            "width": self.row["width"],
-            "pose": self.row["pose"].row,
-            "ways": [way.round(5).tolist() for way in ways if len(way)],
-        }
+        """As plain values: `joints`, `width`, `pose` of the grasp frame in the map, and `WAYS`."""
+        told = {"joints": [*self.joints], "width": self.row["width"], "pose": self.row["pose"].row}
+        return told | {name: getattr(self, name).round(5).tolist() for name in WAYS}
 
 
 class FreeArm:

@@ -50,6 +50,10 @@ MET, PLACES, REACHED = 12, 3, 24
 """Grasps and places within reach of a base of which it is asked whether the arm touches something,
 and places of which it is asked whether they are within reach."""
 
+ASKED = 48
+"""Grasps, some of each family, of which it is asked whether they are within reach of a base: where
+none is, that takes longest."""
+
 SPACING = 0.1
 """Metres between the spots of a surface that are tried."""
 
@@ -164,7 +168,7 @@ class GraspReach(ArmReach):
         self, some: Sequence[dict[str, Any]], base: Pose, most: int
     ) -> list[dict[str, Any]]:
         """Some grasps that the arm reaches from a base, with their `cost`, the least first."""
-        turns = _by_turns(facing_first(some, base))
+        turns = _by_turns(facing_first(some, base))[:ASKED]
         every = ((row, self._reach.along(row, base)) for row in turns)
         reached = ((row, position) for row, position in every if position is not None)
         found = [row | {"cost": cost_of(row, self.arm, at)} for row, at in islice(reached, most)]

@@ -18,6 +18,7 @@ from semmap.manipulation.carrying import folded_posture
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.gripper_reader import read_gripper
+from semmap.manipulation.ranking import is_proven
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
 from semmap.manipulation.sensors import CAPABILITIES, read_sensors
 from semmap.manipulation.store.devices import add_automaton, add_device
@@ -255,8 +256,15 @@ def cost_of(row: dict[str, Any], arm: Arm, position: Floats) -> float:
 
 
 def quickest_first(rows: Iterable[dict[str, Any]], arm: Arm) -> list[dict[str, Any]]:
-    """Rows of `reachable_rows`, those first that cost least (`cost_of`)."""
-    return sorted(rows, key=lambda row: cost_of(row, arm, arm.position(row["position"])))
+    """Rows of `reachable_rows`: as in `best_first`, what succeeded, then what costs least.
+
+    The cost is that of `cost_of`.
+    """
+
+    def order(row: dict[str, Any]) -> tuple[bool, float]:
+        return not is_proven(row), cost_of(row, arm, arm.position(row["position"]))
+
+    return sorted(rows, key=order)
 
 
 def way_of(row: dict[str, Any]) -> list[Floats]:

@@ -245,10 +245,11 @@ def ranked(
 
 def best_first(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Rows in the order in which they are tried: first those that mostly succeeded."""
-    return sorted(rows, key=lambda row: (not _proven(row), -row["expected"], row["action_id"]))
+    return sorted(rows, key=lambda row: (not is_proven(row), -row["expected"], row["action_id"]))
 
 
-def _proven(row: dict[str, Any]) -> bool:
+def is_proven(row: dict[str, Any]) -> bool:
+    """Whether an action succeeded, and at least as often as it failed."""
     return bool(0 < row["successes"] >= row["attempts"] / 2)
 
 

@@ -67,6 +67,29 @@ def test_figure_4():
     assert plan.optimal
 
 
+@pytest.mark.parametrize(
+    ("goal", "reached"),
+    [
+        ("on(muffin, desk4)", True),
+        ("in(muffin, desk4) and in(muffin, office4)", True),
+        ("on(muffin, desk4) and in(robot, lab1)", True),
+        ("on(muffin, desk4) and in(robot, lab2)", False),
+        ("on(muffin, desk4) and carries(robot, muffin)", None),
+        ("in(muffin, desk4) and in(muffin, lab2)", None),
+        ("on(muffin, desk1)", False),
+        ("carries(robot, muffin)", False),
+    ],
+)
+def test_a_goal_is_reached_where_all_of_it_is(goal: str, reached: bool | None) -> None:
+    """None: no plan reaches it, as one part of it excludes the other."""
+    asked = RoutingGraph(office()), office_world(), TaskState("lab1"), goal
+    if reached is None:
+        with pytest.raises(ValueError, match=r"."):
+            find_plan(*asked)
+    else:
+        assert (find_plan(*asked).actions == ()) == reached
+
+
 @settings(max_examples=30)
 @given(houses())
 def test_plans_are_valid_and_as_short_as_exhaustive_search_finds(house):
