@@ -1,4 +1,4 @@
-"""Motions of an arm that touch nothing, by KPIECE (Tosello et al., section IV-B)."""
+"""Motions of an arm that touch nothing (Tosello et al., section IV-B)."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def plan_motion(
 ) -> Floats | None:
     """Positions (N, D) from start to goal (D,) that are free of collisions; None if not found.
 
-    KPIECE (Şucan and Kavraki) of OMPL for half of the seconds of the processor, then RRT-Connect
-    (Kuffner and LaValle), then shortcuts; each position has been checked, and a joint moves by at
+    RRT-Connect (Kuffner and LaValle) of OMPL for three quarters of the seconds of the processor,
+    then KPIECE (Şucan and Kavraki), then shortcuts; each position has been checked, and a joint moves by at
     most `STEP` between them. ManipulationError where start or goal touches something or is beyond
     limits.
     """
@@ -126,9 +126,10 @@ def _planned(arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float
     setup.setStartAndGoalStates(*ends)
     kpiece = geometric.KPIECE1(setup.getSpaceInformation())
     kpiece.setRange(RANGE)
-    for planner in (kpiece, geometric.RRTConnect(setup.getSpaceInformation())):
+    connect = geometric.RRTConnect(setup.getSpaceInformation())
+    for planner, share in ((connect, 0.75), (kpiece, 0.25)):
         setup.setPlanner(planner)
-        end = time.process_time() + seconds / 2
+        end = time.process_time() + share * seconds
         late = base.PlannerTerminationCondition(lambda end=end: time.process_time() > end)
         if setup.solve(late) and setup.haveExactSolutionPath():
             break
