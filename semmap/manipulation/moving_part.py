@@ -45,15 +45,15 @@ class MovingPart:
     """An object of the map that moves with all that it holds.
 
     `mesh` is in the frame of its model, with what is fixed to it; `pose` is where it is in the map.
-    `ids` are of all that moves along, `holders` of what it is in or on. `placed` is its pose in the
-    frame of what it is jointed to.
+    `ids` are of all that moves along, `body` is of what it is jointed to, else of what it is in or
+    on. `placed` is its pose in the frame of what it is jointed to.
     """
 
     entity: str
     mesh: trimesh.Trimesh
     pose: Pose
     ids: tuple[int, ...]
-    holders: tuple[int, ...]
+    body: int | None
     joint: dict[str, Any] | None
     placed: Pose
 
@@ -67,7 +67,7 @@ class MovingPart:
         row = seen.session.execute(PART, (entity,)).fetchone()
         if row is None:
             raise ManipulationError(f"{entity}: has no pose in the map: semmap put gives it one")
-        name, joint, base, at_base = row
+        name, joint, body, at_base = row
         along = seen.session.execute(ALONG, (name,)).fetchall()
         pose = entity_pose(seen, name)
         meshes = [model_mesh(seen, name)]
@@ -76,13 +76,10 @@ class MovingPart:
                 mesh = model_mesh(seen, other)
                 mesh.apply_transform((pose.inverse() @ Pose(*at)).matrix)
                 meshes.append(mesh)
-        holders = [number for (number,) in seen.session.execute(HOLDERS, (name,)).fetchall()]
         ids = [entity_id(seen.session, other) for other, *_ in along]
         whole: Any = meshes[0] if len(meshes) == 1 else trimesh.util.concatenate(meshes)
-        if base is not None:
-            holders.append(base)
         placed = Pose(*at_base).inverse() @ pose if at_base else pose
-        return cls(name, whole, pose, tuple(ids), tuple(holders), joint, placed)
+        return cls(name, whole, pose, tuple(ids), body, joint, placed)
 
     @cached_property
     def corners(self) -> Floats:
@@ -117,7 +114,8 @@ class MovingPart:
         """The motion of its joint from where it is, in the frame of the model; None without one.
 
         Without `travel`, radians or metres, it opens as far as its limits allow; a turn of an open
-        part closes it. ManipulationError where the joint does not allow that.
+        part closes it: to zero, or the limit next to it. ManipulationError where the joint does
+        not allow that.
         """
         joint = self.joint
         if joint is None:
@@ -130,18 +128,21 @@ class MovingPart:
         if kind not in ("revolute", "continuous", "prismatic"):
             moving = [name for (name,) in seen.session.execute(BELOW, (self.entity,)).fetchall()]
             hint = f"name one of {', '.join(moving[:5])}" if moving else WHAT_TO_GIVE
-            raise ManipulationError(f"{self.entity}: its joint is {kind}, so it is still: {hint}")
+            why = "so it is still" if kind == "fixed" else "and such joints are not handled"
+            raise ManipulationError(f"{self.entity}: its joint is {kind}, {why}: {hint}")
         if point is None or axis is None or closed is None or not np.linalg.norm(axis) > 1e-9:
             raise ManipulationError(f"{self.entity}: its property joint is damaged: {WHAT_TO_GIVE}")
         is_hinge = kind != "prismatic"
         unit = PartMotion(
             np.array(point) if is_hinge else None, np.array(axis) / np.linalg.norm(axis), 1.0
         )
-        position = self._position(unit, Pose(*closed))
         low, high = (
             float(joint[key]) if is_finite_number(joint.get(key)) else None
             for key in ("lower", "upper")
         )
+        position = self._position(unit, Pose(*closed))
+        if is_hinge:
+            position = self._within(position, low, high)
         amount = self._amount(aim, travel, position, low, high)
         if is_hinge:
             return PartMotion.about((*point, *axis), amount)
@@ -166,6 +167,22 @@ class MovingPart:
             )
         return position
 
+    def _within(self, position: float, low: float | None, high: float | None) -> float:
+        """The position of a hinge, of which the pose tells no whole turns, within its limits.
+
+        Files put parts at zero even where their limits leave it out, so that is taken, too.
+        """
+        least, most = -np.inf if low is None else low, np.inf if high is None else high
+        for turns in (0.0, 2 * np.pi, -2 * np.pi):
+            if least - TURNED <= position + turns <= most + TURNED:
+                return position + turns
+        if abs(position) < TURNED:
+            return position
+        raise ManipulationError(
+            f"{self.entity}: its joint goes from {least:g} to {most:g} and is at {position:.3g}: "
+            f"put it where its joint allows, or {WHAT_TO_GIVE}"
+        )
+
     def _amount(
         self, aim: Aim, travel: float | None, at: float, low: float | None, high: float | None
     ) -> float:
@@ -183,11 +200,12 @@ class MovingPart:
             raise ManipulationError(
                 f"{self.entity}: its joint has no limits: give travel, in radians or metres"
             )
-        farthest = high if abs(high) >= abs(low) else low
-        is_open = abs(farthest - at) < OPENED * abs(farthest)
-        if aim == "turn" and abs(at) > OPENED * abs(farthest):
-            return -at
-        if is_open or farthest == 0:
+        closed = min(max(0.0, low), high)
+        farthest = high if high - closed >= closed - low else low
+        now, span = min(max(at, low), high), abs(farthest - closed)
+        if aim == "turn" and abs(now - closed) > OPENED * span:
+            return closed - at
+        if span == 0 or abs(farthest - now) < OPENED * span:
             raise ManipulationError(
                 f"{self.entity}: is open already: its joint goes{limits} and is at {at:.3g}"
             )
@@ -211,7 +229,8 @@ WITH RECURSIVE part (id, holder, joint, depth) AS (
     FROM part JOIN entity e ON e.id = part.holder JOIN placement p ON p.entity_id = e.id
     WHERE part.joint->>'type' = 'fixed' AND e.properties ? 'joint'
 )
-SELECT e.name, part.joint, l.to_id, w.pose FROM part JOIN entity e ON e.id = part.id
+SELECT e.name, part.joint, coalesce(l.to_id, part.holder), w.pose
+FROM part JOIN entity e ON e.id = part.id
 LEFT JOIN link l ON l.from_id = part.id AND l.relation = 'jointed_to'
 LEFT JOIN world w ON w.entity_id = l.to_id
 ORDER BY part.joint->>'type' IN ('revolute', 'continuous', 'prismatic') DESC NULLS LAST, depth
@@ -234,16 +253,6 @@ FROM part JOIN entity e ON e.id = part.id JOIN world w ON w.entity_id = e.id
 ORDER BY e.id
 """
 """All that an entity holds, directly or not, and itself; is it fixed to it, and has it a mesh?"""
-
-HOLDERS = """
-WITH RECURSIVE above (id) AS (
-    SELECT p.holder_id FROM placement p JOIN entity e ON e.id = p.entity_id
-    WHERE e.map_id = current_map() AND e.name = %s
-    UNION ALL
-    SELECT p.holder_id FROM above JOIN placement p ON p.entity_id = above.id
-)
-SELECT id FROM above WHERE id IS NOT NULL
-"""
 
 BELOW = """
 WITH RECURSIVE part (id) AS (

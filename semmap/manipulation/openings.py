@@ -186,11 +186,11 @@ class PartWay:
     def blocked(self) -> str | None:
         """Why the part does not get to the end of its way; None where it does.
 
-        Its convex hull must touch nothing on the way that it does not touch now. What holds it, as
-        the body of a cabinet, is around it all the way.
+        Its convex hull must touch nothing on the way that it does not touch now. What it is jointed
+        to, as the body of a cabinet, is around it all the way.
         """
         ids = ids_around(self.seen, self.part.entity, self.reach, along=self.part.ids)
-        others = [number for number in ids if number not in self.part.holders]
+        others = [number for number in ids if number != self.part.body]
         placed = self.part.pose.apply(self.part.corners)
         middle = placed.mean(axis=0)
         body = convex_body(middle + (placed - middle) * (1 - GAP))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import semmap
 from semmap import Database, Map
+from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from tests.conftest import MakeDatabase
 from tests.manipulation.cabinets import Cabinet
@@ -183,6 +184,23 @@ def test_what_is_in_the_way_is_named(door: Map) -> None:
     share = float(found.problems[0].split("after ")[1].split("%")[0]) / 100
     some = door.openings("door", gripper="panda", travel=0.8 * share * DOOR.travel)
     assert not any("meets" in problem for problem in some.problems)
+
+
+def test_what_holds_the_body_is_in_the_way(door: Map) -> None:
+    """A counter with a post before the cabinet that stands on it."""
+    boxes = [
+        trimesh.creation.box(size, trimesh.transformations.translation_matrix(at))
+        for size, at in (((2, 2, 0.1), (0, 0, -0.05)), ((0.2, 0.2, 0.6), (-0.5, 0, 0.3)))
+    ]
+    both = trimesh.util.concatenate(boxes)
+    counter = Mesh(np.asarray(both.vertices), np.asarray(both.faces, np.int32))
+    door.add_object("counter", mesh=counter, pose=(0, 0, 0))
+    door["cabinet"].move_to(0, 0, 0)
+    holder = door["cabinet"].holder
+    assert holder is not None
+    assert holder.name == "counter"
+    (problem,) = door.openings("door", gripper="panda").problems
+    assert "door: meets counter after" in problem
 
 
 REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
