@@ -208,8 +208,14 @@ class MapManipulation(MapQuestions):
         """How to open a door or drawer by its handle: stored ways, else generated ones.
 
         Returns rows as of `grasps`; also `end`, the pose of the gripper where the way ends, and
-        `travel`. What opens, how far it opens and where it is closed are known of parts that were
-        imported from URDF or MJCF; other axes are stated.
+        `travel`, below 0 against the axis. What opens, how far it opens and where it is closed are
+        known of parts that were imported from URDF or MJCF; other axes are stated.
+
+        With `plan`, the only row has `joints`, the names of D joints of the arm, and positions of
+        them in radians or metres, lists (N, D): `to_pre_grasp` leads to where the approach begins,
+        `approach_positions` to the handle, `open_positions` leads the part along its way, and
+        `back_positions` leave it and lead to the start. `path` is the id of the stored path of
+        `to_pre_grasp`. An empty list is left out.
 
         Parameters
         ----------
@@ -217,14 +223,15 @@ class MapManipulation(MapQuestions):
         hinge : x, y, z, dx, dy, dz: a point (metres) and the direction of its axis, map's frame;
             it turns right-handed. By default that of its joint
         slide : dx, dy, dz: the direction in which it slides, map's frame
-        travel : radians or metres from where it is; by default as far as its joint allows
+        travel : radians or metres from where it is, below 0 against the axis; by default as far as
+            its joint allows. Where only stored ways tell how it slides, metres along them
         gripper, robot, base, plan, state, limit : as for `grasps`
 
         Raises
         ------
         LookupError, ValueError
-            As `grasps`; the object has no mesh, nothing tells how it moves, it is open already, or
-            its joint does not allow the travel.
+            As `grasps`; the object has no mesh, nothing tells how it moves or where a travel below
+            0 leads, it is open already, or its joint does not allow the travel.
         """
         axis = {"hinge": hinge, "slide": slide, "travel": travel}
         reach: dict[str, Any] = {"robot": robot, "base": base, "plan": plan, "state": state}
@@ -246,6 +253,11 @@ class MapManipulation(MapQuestions):
         """How to push a door about its hinge with closed fingers: stored ways, else generated ones.
 
         Returns rows as of `openings`. By default, an open door is closed, and a closed one opened.
+
+        With `plan`, the only row has `joints`, the names of D joints of the arm, and positions of
+        them in radians or metres, lists (N, D): `to_pre_push` leads to where the approach begins,
+        `approach_positions` to the door, and `turn_positions` push it along its way, at the end of
+        which the arm stays. `path` is the id of the stored path of `to_pre_push`.
 
         Parameters
         ----------

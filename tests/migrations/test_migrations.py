@@ -9,6 +9,7 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import Engine, create_engine, text
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import configure_mappers
 
 from semmap.database import DatabaseError, open_engine
@@ -146,6 +147,66 @@ def test_meshes_of_earlier_versions_get_outlines(make_database: MakeDatabase) ->
             "WHERE c.id > :last AND c.what = 'reshaped'"
         )
         assert {*connection.execute(told, {"last": last}).scalars()} == wrong
+    engine.dispose()
+
+
+def test_slides_and_suction_cups_go_with_their_revisions(make_database: MakeDatabase) -> None:
+    """Revisions 0013 and 0014: before them there are neither; all that is beside them stays."""
+    engine = open_engine(make_database())
+    hinge = "'{0,0,0,0,0,1,1.2}'"
+    with engine.begin() as connection:
+        for statement in (
+            "INSERT INTO map (name) VALUES ('kitchen')",
+            "INSERT INTO device (id, name, kind) VALUES "
+            "(1, 'arm', 'robot'), (2, 'fingers', 'gripper'), (3, 'cup', 'gripper')",
+            "INSERT INTO gripper (device_id, form, opening, depth, force) VALUES "
+            "(2, 'parallel', 0.08, 0.05, NULL), (3, 'suction', 0.03, 0.02, 60)",
+            "INSERT INTO automaton (name, robot_id, gripper_id) VALUES "
+            "('picker', 1, 3), ('holder', 1, 2)",
+            "INSERT INTO object_model (id, key) VALUES (1, 'mesh:drawer')",
+            "INSERT INTO action (id, kind, object_id, gripper_id, pose, motion) VALUES "
+            "(1, 'open', 1, 2, '{0,0,0,0,0,0,1}', '{-0.3,0,0}'), "
+            f"(2, 'open', 1, 2, '{{0,0,0,0,0,0,1}}', {hinge}), "
+            f"(3, 'turn', 1, 2, '{{0,0,0,0,0,0,1}}', {hinge}), "
+            "(4, 'grasp', 1, 3, '{0,0,0,0,0,0,1}', NULL), "
+            "(5, 'grasp', 1, 2, '{0,0,0,0,0,0,1}', NULL)",
+        ):
+            connection.execute(text(statement))
+
+    def kept() -> tuple[list[Any], ...]:
+        with engine.connect() as connection:
+            return tuple(
+                [*map(tuple, connection.execute(text(question)))]
+                for question in (
+                    "SELECT id, kind FROM semmap.action ORDER BY id",
+                    "SELECT device_id, form FROM semmap.gripper ORDER BY 1",
+                    "SELECT name FROM semmap.device ORDER BY id",
+                    "SELECT name, gripper_id FROM semmap.automaton ORDER BY 1",
+                )
+            )
+
+    without_cups = (
+        [(1, "open"), (2, "open"), (3, "turn"), (5, "grasp")],
+        [(2, "parallel")],
+        [("arm",), ("fingers",)],
+        [("holder", 2), ("picker", None)],
+    )
+    without_slides = ([each for each in without_cups[0] if each[0] != 1], *without_cups[1:])
+    for revision, expected in (("0013", without_cups), ("0012", without_slides)):
+        downgrade(engine, revision)
+        assert kept() == expected
+    slide = "INSERT INTO semmap.action (id, kind, object_id, gripper_id, pose, motion) VALUES "
+    slide += "(6, 'open', 1, 2, '{0,0,0,0,0,0,1}', '{-0.3,0,0}')"
+    cup = "UPDATE semmap.gripper SET form = 'suction'"
+    for refused in (slide, cup):
+        with pytest.raises(IntegrityError, match="check constraint"), engine.begin() as connection:
+            connection.execute(text(refused))
+    engine.dispose()
+    upgrade(engine)
+    assert kept() == without_slides
+    with engine.begin() as connection:
+        for taken in (slide, f"{cup}, force = 60"):
+            connection.execute(text(taken))
     engine.dispose()
 
 
