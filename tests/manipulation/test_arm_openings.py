@@ -67,8 +67,13 @@ def grasps_of(row: dict[str, Any], robot: str, base: Pose, key: str) -> list[NDA
     return found
 
 
-def shares_led(kitchen: Kitchen, cabinet: Cabinet, hands: list[NDArray[np.float64]]) -> list[float]:
-    """The share of its way at which the part has the hand where it was grasped, for each pose."""
+def shares_led(
+    kitchen: Kitchen, cabinet: Cabinet, hands: list[NDArray[np.float64]], begin: float = 0
+) -> list[float]:
+    """The share of its way at which the part has the hand where it was taken, for each pose.
+
+    It was taken at the share `begin`.
+    """
     robot = yourdfpy.URDF.load(str(kitchen.folder / f"{cabinet.kind}.urdf"), load_meshes=False)
     stands = Pose(z=HEIGHT).matrix
     every = np.linspace(0, 1, 401)
@@ -76,7 +81,7 @@ def shares_led(kitchen: Kitchen, cabinet: Cabinet, hands: list[NDArray[np.float6
     for share in every:
         robot.update_cfg({"moves": share * cabinet.travel})
         parts.append(stands @ robot.get_transform(cabinet.kind, "cabinet"))
-    held = np.linalg.inv(parts[0]) @ hands[0]
+    held = np.linalg.inv(parts[round(400 * begin)]) @ hands[0]
     ways = np.array([part @ held for part in parts])
     found = []
     for hand in hands:
@@ -109,6 +114,28 @@ def test_a_panda_opens_a_door_along_its_arc(kitchen: Kitchen) -> None:
     assert (shares[0], shares[-1]) == pytest.approx((0, 1), abs=0.03)
     again = semmap(kitchen.url, *words, "--plan", "--map", "door")
     assert "stored before" in again.stderr
+
+
+def test_a_panda_pushes_an_open_door_to(kitchen: Kitchen) -> None:
+    robot = yourdfpy.URDF.load(str(kitchen.folder / "door.urdf"), load_meshes=False)
+    robot.update_cfg({"moves": 0.5 * DOOR.travel})
+    ajar = robot.get_transform("door", "cabinet")
+    with package.connect(kitchen.url) as db:
+        db.import_file(kitchen.folder / "door.urdf", map="ajar")
+        db.map("ajar")["cabinet"].move_to(0, 0, HEIGHT)
+        yaw = float(np.arctan2(ajar[1, 0], ajar[0, 0]))
+        db.map("ajar")["door"].move_to(ajar[0, 3], ajar[1, 3], HEIGHT + ajar[2, 3], yaw=yaw)
+    base = (-0.85, -0.2, 0, 0.3)
+    given = ",".join(map(str, base))
+    words = ("turn", "door", "--robot", "panda", "--base", given, "--state", READY)
+    row = planned(kitchen, *words, "--map", "ajar")
+    assert row["travel"] == pytest.approx(-0.5 * DOOR.travel, abs=1e-3)
+    assert "back_positions" not in row
+    assert row["to_pre_push"][-1] == pytest.approx(row["approach_positions"][0], abs=0.1)
+    hands = grasps_of(row, "panda", Pose.planar(*base), "turn_positions")
+    shares = shares_led(kitchen, DOOR, hands, begin=0.5)
+    assert shares == sorted(shares, reverse=True)
+    assert (shares[0], shares[-1]) == pytest.approx((0.5, 0), abs=0.03)
 
 
 def test_from_afar_no_handle_is_reached(kitchen: Kitchen) -> None:
