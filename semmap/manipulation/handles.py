@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from semmap.arrays import Floats
 from semmap.geometry.mesh import Mesh
@@ -119,11 +119,16 @@ def front_of(mesh: trimesh.Trimesh, heading: Floats) -> tuple[Floats, float] | N
 
 
 def opening_grasps(
-    mesh: trimesh.Trimesh, motion: PartMotion, gripper: Gripper, friction: float = FRICTION
+    mesh: trimesh.Trimesh,
+    motion: PartMotion,
+    gripper: Gripper,
+    friction: float = FRICTION,
+    upright: ArrayLike = (0, 0, 1),
 ) -> Grasps:
     """Grasps of the handle of a part, the best first, in the frame of the model.
 
     The quality is that of `surface_grasps` on the handle, by the share of the longest lever.
+    `upright` (3,) is the unit vector that is up in the map; families of slides are by it.
     """
     longest = float(motion.levers(np.asarray(mesh.vertices)).max())
     every = []
@@ -134,7 +139,8 @@ def opening_grasps(
         pads = np.einsum("nij,nj->ni", found.poses[:, :3, :3], gripper.pads_at(found.widths))
         levers = motion.levers(found.poses[:, :3, 3] + pads)
         every.append(replace(found, qualities=found.qualities * levers / longest))
-    return _named(Grasps.joined(every), _heading(mesh, motion), motion)
+    axis = motion.direction if motion.is_hinge else np.asarray(upright)
+    return _named(Grasps.joined(every), _heading(mesh, motion), axis, motion.is_hinge)
 
 
 def opening_records(grasps: Grasps, motion: PartMotion) -> list[ActionRecord]:
@@ -167,18 +173,17 @@ def _heading(mesh: trimesh.Trimesh, motion: PartMotion) -> Floats:
     return heading
 
 
-def _named(grasps: Grasps, heading: Floats, motion: PartMotion) -> Grasps:
+def _named(grasps: Grasps, heading: Floats, axis: Floats, is_hinge: bool) -> Grasps:
     """Grasps with the side from which they come, and how they close: along the axis, out, across.
 
-    The family also tells hinges from slides.
+    The axis is that of the hinge, or the upright of a slide; the family tells which.
     """
     forward = -grasps.poses[:, :3, 2] @ heading
     approaches = np.select([forward > 0.7, forward < -0.7], ["front", "back"], "side")
     closing = grasps.poses[:, :3, 0]
     out = np.abs(closing @ heading)
-    axis = motion.direction if motion.is_hinge else np.array((0.0, 0.0, 1.0))
     along = np.abs(closing @ axis)
     ways: NDArray[np.str_] = np.select([out > 0.7, along > 0.7], ["out", "along"], "across")
-    kind = "hinge" if motion.is_hinge else "slide"
+    kind = "hinge" if is_hinge else "slide"
     families = [f"{kind} {a} {w}" for a, w in zip(approaches, ways, strict=True)]
     return replace(grasps, approaches=approaches, families=np.array(families, np.str_))

@@ -21,6 +21,7 @@ from semmap.manipulation.collision import (
     free_grasps,
     swept_link,
 )
+from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.handles import opening_grasps, opening_records
@@ -55,7 +56,8 @@ def find_turns(seen: Snapshot, entity: str, **asked: Any) -> FoundActions:
     hinge : x, y, z, dx, dy, dz: a point and the direction of its axis in the map's frame; by
         default that of its joint
     slide : dx, dy, dz: the direction in which it slides, map's frame; only of openings
-    travel : radians or metres that it moves from where it is; by default as its limits allow
+    travel : radians or metres that it moves from where it is, below 0 against the axis; by default
+        as its limits allow. Where only stored ways tell how it slides, metres along them
     gripper : of a name; the preferred one where None
     arm, base : only those that an arm of this gripper reaches whose robot stands at `base`
     limit : the most rows
@@ -130,7 +132,8 @@ def _find(
 def _generated(part: MovingPart, motion: PartMotion, hand: Gripper, aim: Aim) -> list[ActionRecord]:
     if aim == "turn":
         return turn_records(part.mesh, motion, hand)
-    return opening_records(opening_grasps(part.mesh, motion, hand), motion)
+    upright = part.pose.rotation_matrix.T @ (0, 0, 1)
+    return opening_records(opening_grasps(part.mesh, motion, hand, upright=upright), motion)
 
 
 def _stored(
@@ -143,7 +146,9 @@ def _stored(
 ) -> list[dict[str, Any]]:
     """The stored actions that move the part alike, with their ends.
 
-    Where its motion is not known, those of the motion that is expected to succeed most.
+    Where its motion is not known, those of the motion that is expected to succeed most; of a slide,
+    `travel` is then along them, as they have no other direction: ManipulationError below 0.
+    Else the sign of the travel of a row is that against the known axis.
     """
     rows = actions_on(seen, name=part.entity, gripper=gripper, kind=aim, limit=STORED)
     found = []
@@ -151,11 +156,17 @@ def _stored(
         if row["entity"] != part.entity or row.get("link") is not None:
             continue
         its = PartMotion.of_numbers(row["motion"])
+        if motion is None and not its.is_hinge and travel is not None and travel < 0:
+            raise ManipulationError(
+                f"{part.entity}: travel is {travel:g}, and the map knows no direction in which it "
+                "slides: give slide=(dx, dy, dz), too"
+            )
         if motion is None and (travel is None or abs(its.amount - travel) < 1e-3):
             motion = its
         if motion is not None and its.is_like(motion):
             end = part.pose.matrix @ its.at(1) @ row["model_pose"].matrix
-            found.append(row | {"end": Pose.from_matrix(end), "travel": its.amount})
+            travelled = float(np.copysign(its.amount, motion.amount))
+            found.append(row | {"end": Pose.from_matrix(end), "travel": travelled})
     return found
 
 

@@ -174,6 +174,42 @@ def test_a_stated_axis_is_that_of_the_map(door: Map) -> None:
         assert np.allclose(turn @ row["pose"].matrix, row["end"].matrix, atol=1e-6)
     without = door.openings("leaf", gripper="panda", limit=5)  # stored ones tell how it moves
     assert [row["action_id"] for row in without] == [row["action_id"] for row in found[:5]]
+    about: dict[str, Any] = {"hinge": (3, 1, 0, 0, 0, 1), "travel": -DOOR.travel}
+    other = door.openings("leaf", gripper="panda", limit=5, **about)
+    assert [row["action_id"] for row in other] == [row["action_id"] for row in found[:5]]
+    assert [row["travel"] for row in found[:5]] == pytest.approx([DOOR.travel] * 5)
+    assert [row["travel"] for row in other] == pytest.approx([-DOOR.travel] * 5)
+
+
+def test_the_sign_of_a_travel_is_that_along_the_slide(door: Map) -> None:
+    """A leaf that slides off; on its side, another one, of which the bar lies level."""
+    shape = door["door"].mesh
+    door.add_object("leaf", mesh=shape, pose=(3, 1, 0, 0))
+    found = door.openings("leaf", slide=(2, 0, 0), travel=-0.3, gripper="panda", limit=5)
+    assert found.rows
+    for row in found:
+        assert row["travel"] == pytest.approx(-0.3)
+        assert row["end"].x - row["pose"].x == pytest.approx(-0.3)
+    again = door.openings("leaf", slide=(-1, 0, 0), travel=0.3, gripper="panda", limit=5)
+    assert [row["action_id"] for row in again] == [row["action_id"] for row in found]
+    assert [row["travel"] for row in again] == pytest.approx([0.3] * 5)
+    along = door.openings("leaf", travel=0.3, gripper="panda", limit=5)
+    assert [row["action_id"] for row in along] == [row["action_id"] for row in found]
+    with pytest.raises(ValueError, match=r"travel is -0\.3, .* no direction in which it slides: "):
+        door.openings("leaf", travel=-0.3, gripper="panda")
+
+    flap = door.add_object("flap", mesh=shape, pose=(5, 1, 2))
+    door.connection.execute(
+        "UPDATE placement SET pose[4:7] = %s::float8[] WHERE entity_id = entity_id(%s)",
+        ([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)], flap.name),
+    )
+    for name, travel in (("leaf", 0.25), ("flap", 0.2)):
+        ways = door.openings(name, slide=(-1, 0, 0), travel=travel, gripper="panda", limit=20)
+        closing = np.array([row["pose"].rotation_matrix[2, 0] for row in ways])
+        words = [row["family"].split()[-1] for row in ways]
+        assert {"across", "along"} & {*words}
+        for up, word in zip(np.abs(closing), words, strict=True):
+            assert word == "out" or (word == "along") == (up > 0.7)
 
 
 def test_what_is_in_the_way_is_named(door: Map) -> None:
@@ -192,7 +228,7 @@ def test_what_holds_the_body_is_in_the_way(door: Map) -> None:
         trimesh.creation.box(size, trimesh.transformations.translation_matrix(at))
         for size, at in (((2, 2, 0.1), (0, 0, -0.05)), ((0.2, 0.2, 0.6), (-0.5, 0, 0.3)))
     ]
-    both = trimesh.util.concatenate(boxes)
+    both: Any = trimesh.util.concatenate(boxes)
     counter = Mesh(np.asarray(both.vertices), np.asarray(both.faces, np.int32))
     door.add_object("counter", mesh=counter, pose=(0, 0, 0))
     door["cabinet"].move_to(0, 0, 0)
