@@ -57,7 +57,7 @@ def turn_records(mesh: trimesh.Trimesh, motion: PartMotion, gripper: Gripper) ->
                     Pose.from_matrix(pose),
                     pre_pose=Pose.from_matrix(before),
                     motion=motion.numbers,
-                    approach="level" if abs(heading[2]) < 0.5 else "steep",
+                    approach="square",  # to the hinge's axis, whatever is up
                     family="hinge along" if is_along else "hinge across",
                     posture=posture,
                     pre_posture=posture,
@@ -72,7 +72,9 @@ def turn_contacts(mesh: trimesh.Trimesh, motion: PartMotion) -> tuple[Floats, Fl
     surface = surface_of(mesh, np.zeros(3))
     points, headings = surface.points, motion.headings(surface.points)
     levers = motion.levers(points)
-    square = np.abs(np.einsum("ni,ni->n", surface.normals, headings))
+    square = -np.einsum("ni,ni->n", surface.normals, headings)
+    if not mesh.is_volume:  # whose normals may look inwards
+        square = np.abs(square)
     quality = square * levers / levers.max()
     order = np.argsort(-quality, kind="stable")
     order = order[(square[order] > SQUARELY) & (levers[order] > levers.max() / 2)]

@@ -110,6 +110,30 @@ def test_a_turn_pushes_where_the_lever_is_long() -> None:
         turn_records(mesh, PartMotion.along((1, 0, 0), 0.1), real_gripper("panda"))
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_turn_pushes_thin_leaves_on_the_near_face(side: int) -> None:
+    motion = PartMotion.about((0, 0, 0, 0, 0, side), 1.0)
+    leaf = box((0.003, 0.35, 0.4), (0, -0.175, 0))
+    points, headings, _ = turn_contacts(leaf, motion)
+    assert len(points) > 20
+    assert np.allclose(points[:, 0], -side * 0.0015)
+    assert (side * headings[:, 0] > 0.9).all()
+    sheet = leaf.submesh([np.flatnonzero(leaf.face_normals[:, 0] > 0.9)], append=True)
+    assert len(turn_contacts(sheet, motion)[0]) > 20  # an open one has one face for both sides
+
+
+def test_names_of_turns_do_not_depend_on_the_model_s_frame() -> None:
+    leaf = box((0.02, 0.35, 0.4), (0, -0.175, 0))
+    named = []
+    for turn in (np.eye(4), trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0))):
+        moved = leaf.copy()
+        moved.apply_transform(turn)
+        about = PartMotion.about((0, 0, 0, *turn[:3, 2]), 1)
+        records = turn_records(moved, about, real_gripper("panda"))
+        named.append({(record.approach, record.family) for record in records})
+    assert named[0] == named[1] == {("square", "hinge along"), ("square", "hinge across")}
+
+
 def test_outcomes_have_causes() -> None:
     assert opening_mismatch(OpeningOutcome(0.9, True, True)) is None
     assert opening_mismatch(OpeningOutcome(0.89, True, True)) == "stuck"
