@@ -8,8 +8,6 @@ The far end of its mesh is the lip; a link without a mesh is the frame of a tool
 from __future__ import annotations
 
 import re
-from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -25,9 +23,6 @@ from semmap.robot.urdf import Robot
 NAMES = re.compile(r"suction|vacuum", re.IGNORECASE)
 """What the names of links that are suction cups have in them."""
 
-PLUGIN = "vacuum_gripper"
-"""What the file name of Gazebo's plugin has in it; its elements name the link."""
-
 RIM = 1e-3
 """Metres of the end of a mesh that are the lip."""
 
@@ -35,13 +30,13 @@ WIDEST = 0.2
 """Metres across a lip beyond which what is named so is the body of a gripper."""
 
 
-def cup_links(robot: Robot, urdf: Path | None = None) -> list[str]:
+def cup_links(robot: Robot) -> list[str]:
     """The links that are suction cups, in the order of the robot; by Gazebo's plugin, else names.
 
     Of several in a row, the last one with a mesh: the others hold it.
     """
-    told = _told_to_gazebo(urdf.read_text("utf-8")) if urdf is not None else set()
-    named = [k for k in robot.links if k in told] or [k for k in robot.links if NAMES.search(k)]
+    told = [k for k in robot.links if k in robot.vacuum_links]
+    named = told or [k for k in robot.links if NAMES.search(k)]
     above = {joint.child: joint.parent for joint in robot.joints}
     cups = [link for link in named if link in robot.meshes] or named
     holders = set()
@@ -50,16 +45,6 @@ def cup_links(robot: Robot, urdf: Path | None = None) -> list[str]:
             link = above[link]
             holders.add(link)
     return [link for link in cups if link not in holders]
-
-
-def _told_to_gazebo(urdf: str) -> set[str]:
-    """The links that elements of Gazebo's plugin name: ``bodyName``, or ``link_name`` in ROS 2."""
-    found = set()
-    for plugin in ElementTree.fromstring(urdf).iter("plugin"):
-        if PLUGIN in plugin.get("filename", ""):
-            for name in ("bodyName", "link_name"):
-                found |= {(each.text or "").strip().split("::")[-1] for each in plugin.iter(name)}
-    return found
 
 
 def read_cup(robot: Robot, link: str, stated: Cup | None = None) -> Gripper:

@@ -68,12 +68,32 @@ def read_gripper(path: Path | str, palm: str | None = None, cup: Cup | None = No
     nothing else is there.
     """
     robot = load_robot(path)
-    cups = cup_links(robot, Path(path))
+    cups = cup_links(robot)
     if cup is not None or palm in cups:
         return read_cup(robot, _cup_link(robot, palm, cups), cup)
     found, problems = _search(robot, None if palm is None else (palm,))
     if not found and palm is None and cups:
         return read_cup(robot, cups[0])
+    return _first(found, problems, robot, path, palm)
+
+
+def read_fingers(path: Path | str, palm: str | None = None) -> Gripper:
+    """The gripper with fingers on the link `palm`, whatever its name, else the first.
+
+    ManipulationError for none.
+    """
+    robot = load_robot(path)
+    found, problems = _search(robot, None if palm is None else (palm,))
+    return _first(found, problems, robot, path, palm)
+
+
+def _first(
+    found: Sequence[Gripper],
+    problems: Sequence[str],
+    robot: Robot,
+    path: Path | str,
+    palm: str | None,
+) -> Gripper:
     if not found:
         which = "no link has" if palm is None else f"link {palm} does not have"
         why = "; ".join((*problems, *_fixed_fingers(robot)))

@@ -28,6 +28,9 @@ GROUND = "base_footprint"
 SECTIONS = 48
 """Sides of the prism that approximates a cylinder."""
 
+VACUUM_PLUGIN = "vacuum_gripper"
+"""What the file name of Gazebo's plugin for vacuum grippers has in it."""
+
 MOVING = ("revolute", "continuous", "prismatic", "planar", "floating")
 
 
@@ -59,7 +62,7 @@ class Robot:
 
     The frame of `base`, moved up or down to the ground, is the robot's frame; `joints` have parents
     before their children; `meshes`, metres in the link's frame, are collision geometry, else
-    visual.
+    visual. `vacuum_links` are those that Gazebo's plugin for vacuum grippers names.
     """
 
     name: str
@@ -69,6 +72,7 @@ class Robot:
     _urdf: Any = field(repr=False)
     _hulls: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
     _ground: float = field(default=0.0, repr=False)
+    vacuum_links: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         for link, mesh in self.meshes.items():
@@ -231,12 +235,29 @@ def load_robot(path: Path | str) -> Robot:
     names = {base, *(joint.child for joint in ordered)}
     for link in sorted(meshes.keys() - names):
         raise _error(path, f"link {link}")(f"no joint joins it to {base}", "Add one.")
-    return Robot(read.name or path.stem, GROUND if GROUND in names else base, ordered, meshes, urdf)
+    root = GROUND if GROUND in names else base
+    told = _vacuum_links(path) & names
+    return Robot(read.name or path.stem, root, ordered, meshes, urdf, vacuum_links=told)
 
 
 def _error(path: Path, element: str) -> Callable[[str, str], RobotError]:
     """Return a function that makes an error of a problem and a fix."""
     return lambda problem, fix: RobotError(f"{path}: {element}: {problem}. {fix}")
+
+
+def _vacuum_links(path: Path) -> frozenset[str]:
+    """The links that elements of Gazebo's plugin name: ``bodyName``, or ``link_name`` in ROS 2."""
+    from lxml import etree
+
+    # as yourdfpy reads it, also where the encoding is another one or a prefix has no namespace
+    parser = etree.XMLParser(recover=True, resolve_entities=False)
+    root = etree.fromstring(path.read_bytes(), parser)
+    found = set()
+    for plugin in root.iter("plugin"):
+        if VACUUM_PLUGIN in plugin.get("filename", ""):
+            for each in plugin.iter("bodyName", "link_name"):
+                found.add((each.text or "").strip().split("::")[-1])
+    return frozenset(found)
 
 
 def _check_file(path: Path) -> None:

@@ -14,6 +14,7 @@ from semmap.manipulation.carrying import folded_posture
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper_reader import find_grippers, read_gripper, stated_cup
 from semmap.manipulation.suction import Cup
+from semmap.robot.error import RobotError
 from tests.manipulation.grippers import BY_HAND, SUCTION, urdf
 
 CHAIN = """<robot name="arm">
@@ -104,6 +105,40 @@ def test_gazebo_tells_which_link_is_a_cup(tmp_path: Path) -> None:
             file_of(tmp_path, plain.replace("</robot>", f"<gazebo>{plugin}</gazebo></robot>"))
         )
         assert (gripper.kind, gripper.palm) == ("suction", "left_rubber_cup")
+
+
+def test_what_gazebo_tells_is_read_as_the_robot_is(tmp_path: Path) -> None:
+    """A prefix without a namespace, and an encoding that is not that of the bytes."""
+    plain = SUCTION.replace("suction_cup", "céramique")
+    plugin = '<plugin filename="libvacuum_gripper.so"><bodyName>céramique</bodyName></plugin>'
+    told = plain.replace("</robot>", f"<gazebo>{plugin}</gazebo></robot>")
+    text = told.replace('<link name="flange">', '<xacro:property name="a"/><link name="flange">')
+    for head in ("", '<?xml version="1.0" encoding="iso-8859-1"?>'):
+        path = tmp_path / "robot.urdf"
+        path.write_text(head + text, "utf-8")
+        gripper = read_gripper(path)
+        assert gripper.kind == "suction"
+        assert gripper.palm in gripper.robot.links
+    path.write_bytes(text.encode("iso-8859-1"))
+    with pytest.raises(RobotError, match="is not UTF-8"):
+        read_gripper(path)
+
+
+def test_cups_that_only_gazebo_tells_are_found_and_carried(tmp_path: Path) -> None:
+    plain = CHAIN.replace("suction", "rubber").replace("vacuum", "pump")
+    other = re.sub('name="(?!arm)', 'name="other_', plain)
+    other = re.sub('link="', 'link="other_', other)
+    links = other.split('<robot name="arm">')[1].replace("</robot>", "")
+    join = '<joint name="beside" type="fixed"><parent link="base"/><child link="other_base"/><origin xyz="0 0.8 0"/></joint>'  # noqa: E501
+    names = ("left_rubber_cup", "other_left_rubber_cup")
+    plugins = "".join(
+        f'<plugin filename="libgazebo_ros_vacuum_gripper.so"><link_name>{k}</link_name></plugin>'
+        for k in names
+    )
+    end = f"{links}{join}<gazebo>{plugins}</gazebo></robot>"
+    gripper = read_gripper(file_of(tmp_path, plain.replace("</robot>", end)))
+    assert {each.palm for each in find_grippers(gripper.robot)} == set(names)
+    assert set(folded_posture(gripper)) == {"shoulder", "other_shoulder"}
 
 
 def test_a_frame_of_a_tool_is_a_cup_where_that_is_stated(tmp_path: Path) -> None:
