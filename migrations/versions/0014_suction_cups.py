@@ -21,6 +21,10 @@ def upgrade() -> None:
         "ALTER TABLE semmap.gripper ADD COLUMN force double precision CONSTRAINT "
         "gripper_force_is_positive CHECK (force > 0 AND force < 'Infinity')"
     )
+    op.execute(
+        "ALTER TABLE semmap.gripper ADD CONSTRAINT gripper_force_is_that_of_suction "
+        "CHECK (force IS NULL OR form = 'suction')"
+    )
 
 
 def downgrade() -> None:

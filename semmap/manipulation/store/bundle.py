@@ -28,7 +28,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.signing import is_signed, own_key
 from semmap.manipulation.store.actions import insert_actions
 from semmap.manipulation.store.database_answers import number, refusals
-from semmap.manipulation.store.devices import add_gripper
+from semmap.manipulation.store.devices import add_gripper, gripper_words, is_same_gripper
 from semmap.whole_file import write_whole
 
 FORMAT = "semmap manipulation knowledge"
@@ -288,15 +288,16 @@ class _Import:
     def _gripper(self, given: dict[str, Any]) -> bool:
         name = given["name"]
         own = self.session.execute(
-            "SELECT d.id, g.form, g.opening FROM device d JOIN gripper g ON g.device_id = d.id "
-            "WHERE d.name = %s",
+            "SELECT d.id, g.form, g.opening, g.force FROM device d "
+            "JOIN gripper g ON g.device_id = d.id WHERE d.name = %s",
             (name,),
         ).fetchone()
         if own is not None:
-            if own[1] != given["form"] or abs(own[2] - given["opening"]) > 1e-3:
+            there = given["form"], given["opening"], given.get("force")
+            if not is_same_gripper(own[1:], there):
                 raise ManipulationError(
-                    f"gripper {name} opens {given['opening']:g} m there and {own[2]:g} m "
-                    "here: they are different grippers, so one of them needs another name"
+                    f"gripper {name} is {gripper_words(*there)} there and "
+                    f"{gripper_words(*own[1:])} here: one of them needs another name"
                 )
             self.grippers[name] = int(own[0])
             return False

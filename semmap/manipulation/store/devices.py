@@ -78,7 +78,8 @@ def add_gripper(
     `opening` is the widest object that it closes on, `depth` how deep its fingers are, metres, and
     `swept` the volume that they pass, m³. Of a suction cup, they are the diameter of its lip and
     its length, and `force` is that of its vacuum, newtons. The `preferred` one is meant where a
-    query names none; by default, if none is yet.
+    query names none; by default, if none is yet. ManipulationError for bad numbers, and where
+    actions are stored of a cup of this name that has another radius or force.
     """
     if not (math.isfinite(opening) and opening > 0):
         raise ManipulationError(f"gripper {name}: its opening is {opening}: give metres above 0")
@@ -88,7 +89,12 @@ def add_gripper(
         raise ManipulationError(f"gripper {name}: its fingers pass {swept}: give m³ above 0")
     if force is not None and not (math.isfinite(force) and force > 0):
         raise ManipulationError(f"gripper {name}: its force is {force}: give newtons above 0")
+    if force is not None and form != "suction":
+        raise ManipulationError(
+            f"gripper {name}: only suction cups have a force: leave it out, or state form=suction"
+        )
     with refusals(), session.transaction():
+        _refuse_another_lip(session, name, form, opening, force)
         id_ = add_device(session, name, "gripper", urdf=urdf, source=source, joints=joints)
         if preferred is None:
             found = session.execute("SELECT FROM gripper WHERE preferred").fetchone()
@@ -104,6 +110,50 @@ def add_gripper(
             (id_, form, opening, depth, swept, force, preferred),
         )
     return id_
+
+
+def _refuse_another_lip(
+    session: Session, name: str, form: str, opening: float, force: float | None
+) -> None:
+    """Refuse another cup by the name of one whose actions are stored: they were for its lip."""
+    row = session.execute(
+        "SELECT g.form, g.opening, g.force, "
+        "(SELECT count(*) FROM action a WHERE a.gripper_id = g.device_id) "
+        "FROM gripper g JOIN device d ON d.id = g.device_id WHERE d.name = %s",
+        (name,),
+    ).fetchone()
+    if row is None or row[3] == 0 or "suction" not in (row[0], form):
+        return
+    if not is_same_gripper(row[:3], (form, opening, force)):
+        raise ManipulationError(
+            f"gripper {name}: {row[3]} actions are stored of it as it is now, "
+            f"{gripper_words(*row[:3])}: give {gripper_words(form, opening, force)} another name"
+        )
+
+
+def is_same_gripper(
+    one: tuple[str, float, float | None], other: tuple[str, float, float | None]
+) -> bool:
+    """Whether grippers by form, opening (metres) and force (newtons) are equal, but for rounding.
+
+    >>> is_same_gripper(("suction", 0.03, 60), ("suction", 0.03, 30))
+    False
+    """
+    near = 1e-4 if one[0] == "suction" else 1e-3
+    if one[0] != other[0] or abs(one[1] - other[1]) > near:
+        return False
+    return math.isclose(one[2] or 0.0, other[2] or 0.0, rel_tol=1e-3)
+
+
+def gripper_words(form: str, opening: float, force: float | None = None) -> str:
+    """A gripper in words.
+
+    >>> gripper_words("suction", 0.03, 60), gripper_words("parallel", 0.09)
+    ('a suction cup of 0.03 m and 60 N', 'a parallel gripper that opens 0.09 m')
+    """
+    if form == "suction":
+        return f"a suction cup of {opening:g} m" + ("" if force is None else f" and {force:g} N")
+    return f"a {form} gripper that opens {opening:g} m"
 
 
 def add_automaton(

@@ -248,6 +248,50 @@ def test_a_suction_cup_comes_with_its_force(cups: Map, other: Any, tmp_path: Pat
     assert other.execute(query).fetchall() == [("suction", 0.03, 0.06, 60)]
 
 
+def test_a_cup_of_the_same_name_and_another_force_is_refused(
+    cups: Map, other: Any, tmp_path: Path
+) -> None:
+    add_gripper(cups.connection, "lip", form="suction", opening=0.03, depth=0.06, force=60)
+    add_actions(cups.connection, "cup1", "lip", [candidate(width=None)])
+    export_bundle(cups.connection, tmp_path / "lip.bundle", "kitchen", key=KEY)
+    add_gripper(other, "lip", form="suction", opening=0.03, depth=0.06, force=20)
+    trust(other, "kitchen", PUBLIC)
+    with pytest.raises(
+        ManipulationError,
+        match=r"lip is a suction cup of 0\.03 m and 60 N there and a suction .* and 20 N here",
+    ):
+        import_bundle(other, tmp_path / "lip.bundle")
+    assert rows(other)["action"] == 0
+
+
+def test_actions_of_a_cup_stay_with_its_lip(cups: Map) -> None:
+    here = cups.connection
+    add_gripper(here, "lip", form="suction", opening=0.03, depth=0.06, force=60)
+    add_gripper(here, "lip", form="suction", opening=0.04, depth=0.06, force=60)  # nothing is lost
+    add_actions(here, "cup1", "lip", [candidate(width=None)])
+    for form, opening, force in (
+        ("suction", 0.03, 60.0),
+        ("suction", 0.04, 30.0),
+        ("parallel", 0.04, None),
+    ):
+        with pytest.raises(ManipulationError, match=r"lip: 1 actions are stored .* another name"):
+            add_gripper(here, "lip", form=form, opening=opening, depth=0.06, force=force)
+    add_gripper(here, "lip", form="suction", opening=0.04, depth=0.07, force=60)
+    query = "SELECT form, opening, depth, force FROM gripper WHERE form = 'suction'"
+    assert here.execute(query).fetchall() == [("suction", 0.04, 0.07, 60)]
+
+
+def test_only_cups_have_a_force(cups: Map) -> None:
+    here = cups.connection
+    with pytest.raises(ManipulationError, match="only suction cups have a force"):
+        add_gripper(here, "jaws", form="parallel", opening=0.03, depth=0.06, force=60)
+    with (
+        pytest.raises(psycopg.errors.CheckViolation, match="gripper_force_is_that_of_suction"),
+        here.transaction(),
+    ):
+        here.execute("UPDATE gripper SET force = 5 WHERE form = 'parallel'")
+
+
 def test_a_gripper_of_the_same_name_and_another_opening_is_refused(
     cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
@@ -255,7 +299,7 @@ def test_a_gripper_of_the_same_name_and_another_opening_is_refused(
     export_bundle(cups.connection, path, "kitchen", key=KEY)
     add_gripper(other, "two_fingers", form="parallel", opening=0.12, depth=0.05)
     trust(other, "kitchen", PUBLIC)
-    with pytest.raises(ManipulationError, match=r"opens 0\.09 m there and 0\.12 m here"):
+    with pytest.raises(ManipulationError, match=r"opens 0\.09 m there and .* opens 0\.12 m here"):
         import_bundle(other, path)
     assert rows(other)["action"] == 0
 
