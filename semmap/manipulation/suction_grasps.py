@@ -11,7 +11,6 @@ import numpy as np
 from semmap.arrays import Floats
 from semmap.manipulation.candidates import Grasps, grasp_names
 from semmap.manipulation.collision import Obstacles
-from semmap.manipulation.extra import is_installed
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.suction import Cup, tightness
 from semmap.manipulation.surface_grasps import SampledSurface, first_free, from_all_sides
@@ -69,6 +68,11 @@ def suction_grasps(
     (`tightness`); of the same 5 mm aside, of which it is tight in so many of four directions; and
     the nearness of the approach to the centre of mass, by the surface's radius. Which weight it
     holds depends on how the object stands (`steadiness`).
+
+    Raises
+    ------
+    ManipulationError
+        The library for collisions is not installed: nothing tells what the stiff part meets.
     """
     cup = gripper.cup
     assert cup is not None
@@ -94,9 +98,7 @@ def suction_grasps(
     poses[:, :3, :3] = rotations[chosen]
     poses[:, :3, 3] = points[chosen] + found[chosen, 2, None] * rotations[chosen, :, 2]
     grasps = _turned(gripper, poses, quality[chosen], frame, distance)
-    if is_installed("fcl"):
-        grasps = grasps[first_free(grasps, around, SPOTS * TURNS)]
-    return Grasps.joined([grasps[: SPOTS * TURNS]])
+    return Grasps.joined([grasps[first_free(grasps, around, SPOTS * TURNS)]])
 
 
 def _seeds(surface: SampledSurface) -> tuple[Floats, Floats]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from semmap.manipulation import extra
 from semmap.manipulation.candidates import Grasp, grasp_candidates
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.generation import grasps_of_mesh, shape_grasps
@@ -139,6 +141,15 @@ def test_round_things_are_held_where_they_are_round_enough(hand: Gripper) -> Non
     assert len(ball) > 100
     for number in range(0, len(ball), 16):
         assert ball[number].pose[:3, 2] @ ball[number].pose[:3, 3] < -0.04, "towards its middle"
+
+
+def test_grasps_that_nothing_checks_are_refused(
+    hand: Gripper, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    extra.library.cache_clear()
+    monkeypatch.setitem(sys.modules, "fcl", None)
+    with pytest.raises(ManipulationError, match="fcl is not installed; install the extra"):
+        shape_grasps(Shape("cuboid", (0.2, 0.15, 0.02)), hand)
 
 
 def test_no_cup_is_on_a_hole(hand: Gripper) -> None:
