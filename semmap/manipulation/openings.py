@@ -95,6 +95,10 @@ def _find(
     chosen = gripper_name(seen.session, gripper)
     hand = stored_gripper(seen.session, chosen)
     part = MovingPart.of(seen, entity)
+    if hand.cup is not None:
+        does = "closes on no handle" if aim == "open" else "pushes nothing about a hinge"
+        why = f"{part.entity}: gripper {chosen} is a suction cup, whose soft lip {does}"
+        return FoundActions([], [why])
     number = entity_id(seen.session, part.entity)
     excluded = reasons_against(seen, aim, hand.kind, [number])
     if excluded:
