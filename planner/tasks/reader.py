@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import shapely
@@ -13,6 +14,7 @@ from planner.tasks.world import TaskObject, TaskState, TaskWorld
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 from semmap.query.snapshot import Snapshot
+from semmap.query.stated_mass import stated_mass
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
 from semmap.query.supertypes import read_supertypes
@@ -172,7 +174,9 @@ def _task_object(
         height, surface_height = (low[2] + high[2]) / 2 - floor, high[2] - floor
         outline = shapely.convex_hull(shapely.multipoints(corners[:, :2]))
         surface = max(outline.area - taken, 0.0)
-    weight = properties.get("weight", properties.get("mass"))
+    weight = None
+    with suppress(ValueError):  # a plan does not need it
+        weight = stated_mass(properties)
     return TaskObject(
         row.name,
         types.get(row.type, ()),
@@ -182,7 +186,7 @@ def _task_object(
         None if row.pose is None else Pose(*row.pose)._replace(z=floor + height),
         height=height,
         size=size,
-        weight=float(weight) if isinstance(weight, int | float) else None,
+        weight=weight,
         classified=not _UNCLASSIFIED.issuperset(types.get(row.type, ())[1:]),
         graspable=properties.get("graspable"),
         surface=surface,

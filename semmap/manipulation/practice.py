@@ -29,7 +29,12 @@ from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.pushing import Push
 from semmap.manipulation.ranking import grasp_of_row
 from semmap.manipulation.reader import STORED, actions_on, in_model
-from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
+from semmap.manipulation.retrieval import (
+    find_grasps,
+    gripper_name,
+    known_masses,
+    stored_gripper,
+)
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.model_shapes import model_mesh
 from semmap.manipulation.store.tasks import record_task, replace_action
@@ -249,7 +254,7 @@ def _part_trial(
 ) -> PartTrial:
     """A trial of a part as it is turned in the map."""
     surface = Mesh(np.asarray(part.mesh.vertices), np.asarray(part.mesh.faces, np.int32))
-    weight = _mass(seen, part.entity) if mass is None else mass
+    weight = known_masses(seen, [part.entity])[part.entity] if mass is None else mass
     pieces = part_pieces(part.mesh, motion)
     body = body_of(surface, mass=weight, friction=friction, pieces=pieces)
     standing = np.eye(4)
@@ -290,14 +295,6 @@ def _record_trial(seen: Snapshot, entity: str, kind: str, action: int, cause: st
     record_task(seen.session, entity, kind, action=action, **values)
 
 
-def _mass(seen: Snapshot, entity: str) -> float | None:
-    """The mass that the map states of an entity, kg."""
-    ((weight,),) = seen.session.execute(
-        "SELECT (properties->>'mass')::float8 FROM entity WHERE id = entity_id(%s)", (entity,)
-    ).fetchall()
-    return weight or None
-
-
 def _trial(
     seen: Snapshot,
     entity: str,
@@ -309,7 +306,7 @@ def _trial(
     """A trial of an object as it stands in the map, or at a pose."""
     mesh = model_mesh(seen, entity)
     surface = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32))
-    weight = _mass(seen, entity) if mass is None else mass
+    weight = known_masses(seen, [entity])[entity] if mass is None else mass
     body = body_of(surface, mass=weight, friction=friction)
     standing = np.eye(4)
     standing[:3, :3] = (stands or entity_pose(seen, entity)).rotation_matrix

@@ -7,6 +7,7 @@ IV-B: the Action Generator works where the knowledge base has nothing).
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -23,7 +24,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.generation import grasps_of_mesh, is_enough, shape_grasps
 from semmap.manipulation.gripper import Gripper
-from semmap.manipulation.gripper_reader import read_gripper
+from semmap.manipulation.gripper_reader import read_fingers, read_gripper
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import STORED, actions_on, entities_meant
@@ -42,6 +43,7 @@ from semmap.manipulation.suitability import reasons_against
 from semmap.manipulation.surroundings import Surroundings, enclosure_of, entity_pose
 from semmap.query.entity_query import entity_id
 from semmap.query.snapshot import Snapshot
+from semmap.query.stated_mass import stated_mass
 
 DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
 """The gripper of maps whose robots have none."""
@@ -126,8 +128,10 @@ def find_grasps(
             else:
                 why = slanting(names, len(every), chosen)
             problems.append(why)
-            if hand is not None and hand.cup is not None and len(every) < len(known_rows):
-                problems.append(unsteady(names, len(known_rows) - len(every), hand))
+            if hand is not None and hand.cup is not None:
+                left = Counter(row["entity"] for row in every)
+                fell = Counter(row["entity"] for row in known_rows) - left
+                problems += [unsteady(each, fell[each], hand) for each in left if fell[each]]
     return FoundActions(rows, problems, generated)
 
 
@@ -151,7 +155,7 @@ def known_grasps(
         rows = [row for row in fitting_rows(seen, rows)[0] if row["entity"] == entity]
         if rows:
             return _steady(seen, rows, gripper, [])
-    (mass,) = _masses(seen, [entity]).values()
+    mass = None if gripper.cup is None else known_masses(seen, [entity])[entity]
     stands = entity_pose(seen, entity).matrix
     known = shape or mesh_shape(seen, entity)
     rows = [
@@ -235,13 +239,19 @@ def _steady(
 ) -> list[dict[str, Any]]:
     """Rows of stored grasps by how steadily they hold the objects as they stand, too.
 
-    Those of linked models stay as they are: their frames are of other objects.
+    Those of linked models stay as they are: their frames are of other objects. The mass counts for
+    suction cups.
     """
     found = [row for row in rows if row["link"] is not None]
     own = [row for row in rows if row["link"] is None]
-    masses = _masses(seen, [row["entity"] for row in own])
-    for number, mass in dict.fromkeys((row["object_id"], masses[row["entity"]]) for row in own):
-        some = [row for row in own if row["object_id"] == number and masses[row["entity"]] == mass]
+    masses: dict[str, float | None] = {}
+    if gripper is not None and gripper.cup is not None:
+        masses = known_masses(seen, [row["entity"] for row in own])
+        lost = dict.fromkeys(row["entity"] for row in own if row["pose"] is None)
+        problems += [f"{name}: not judged by weight: it has no pose in the map" for name in lost]
+    of_rows = [(row["object_id"], masses.get(row["entity"])) for row in own]
+    for number, mass in dict.fromkeys(of_rows):
+        some = [row for row, of in zip(own, of_rows, strict=True) if of == (number, mass)]
         shape = stored_shape(seen.session, number)
         steady = some if shape is None else steady_rows(some, shape, gripper, mass)
         if not steady:
@@ -251,14 +261,22 @@ def _steady(
     return found
 
 
-def _masses(seen: Snapshot, entities: Sequence[str]) -> dict[str, float | None]:
-    """The kilograms of entities, by their property mass; None where it is not stated."""
+def known_masses(seen: Snapshot, entities: Sequence[str]) -> dict[str, float | None]:
+    """The kilograms of entities (`stated_mass`), None where nothing states them.
+
+    ManipulationError names the entity where they are no number above 0.
+    """
     rows = seen.session.execute(
-        "SELECT name, nullif((properties->>'mass')::float8, 0) FROM entity "
-        "WHERE map_id = current_map() AND name = ANY (%s)",
+        "SELECT name, properties FROM entity WHERE map_id = current_map() AND name = ANY (%s)",
         (list(dict.fromkeys(entities)),),
     ).fetchall()
-    return dict(rows)
+    found = {}
+    for name, properties in rows:
+        try:
+            found[name] = stated_mass(properties)
+        except ValueError as error:
+            raise ManipulationError(f"{name}: {error}") from error
+    return found
 
 
 MISSING = """
@@ -417,7 +435,10 @@ def stored_gripper(session: Session, name: str) -> Gripper:
     return _read(path, palm, Cup.of(opening / 2, force) if form == "suction" else None)
 
 
-_read = lru_cache(maxsize=8)(read_gripper)
+@lru_cache(maxsize=8)
+def _read(path: str, palm: str, cup: Cup | None) -> Gripper:
+    """A stored gripper: a palm may be named as a cup (`cup_links`) and have fingers."""
+    return read_fingers(path, palm) if cup is None else read_gripper(path, palm, cup)
 
 
 ANY_GRIPPER = "SELECT 1 FROM gripper LIMIT 1"

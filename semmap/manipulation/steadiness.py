@@ -41,14 +41,24 @@ def steadiness(
     """(N,) 1 for grasps above, below or at the centre of mass, less the farther beside it they are.
 
     Of a suction cup, what it holds as a share of `SAFETY` times the weight; 0 for less than the
-    weight. Rows have `pose` in the map's frame, `model_pose` in that of the model and `width`. The
-    centre of mass is that of `shape`, which is in the frame of the model; `mass` in kg is by
-    default that of the shape by `DENSITY`.
+    weight. Rows have `pose` in the map's frame, None (it counts as 1) where the object has none,
+    `model_pose` in that of the model and `width`. The centre of mass is that of `shape`, which is
+    in the frame of the model; `mass` in kg is by default that of the shape by `DENSITY`.
     """
-    if any(row["pose"] is None for row in rows):
-        return np.ones(len(rows))  # it has no pose in the map
-    if not rows:
-        return np.zeros(0)
+    share = np.ones(len(rows))
+    placed = [k for k, row in enumerate(rows) if row["pose"] is not None]
+    if placed:
+        share[placed] = _of_placed([rows[k] for k in placed], shape, gripper, mass)
+    return share
+
+
+def _of_placed(
+    rows: Sequence[Mapping[str, Any]],
+    shape: PrimitiveShape,
+    gripper: Gripper | None,
+    mass: float | None,
+) -> Floats:
+    """The steadiness of rows that have a pose."""
     there = np.array([row["pose"].matrix for row in rows])
     in_model = np.array([row["model_pose"].matrix for row in rows])
     middle = shape.pose @ np.append(solid_of(shape.kind, shape.size).centre, 1.0)
@@ -104,8 +114,8 @@ def unsteady(entity: str, grasps: int, gripper: Gripper | None = None) -> str:
     if gripper is not None and gripper.cup is not None:
         return (
             f"{entity}: is too heavy for the suction cup of {gripper.cup.force:.3g} N at "
-            f"{grasps} grasps where it is tight; its property mass states the kilograms, else "
-            f"{DENSITY:g} kg/m³ are assumed"
+            f"{grasps} grasps where it is tight; its property weight or mass states the kilograms, "
+            f"else {DENSITY:g} kg/m³ are assumed"
         )
     return (
         f"{entity}: would turn in the hand at all {grasps} grasps that fit, which hold it far "

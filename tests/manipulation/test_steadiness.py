@@ -85,6 +85,8 @@ def test_what_a_cup_holds_of_an_object_counts_by_its_weight(tmp_path: Path) -> N
         assert steadiness(rows, plate, hand, mass) == pytest.approx(expected)
     assumed = steadiness(rows, plate, hand, 500 * 0.2 * 0.2 * 0.02)
     assert steadiness(rows, plate, hand) == pytest.approx(assumed)
+    lost = row(0.0, 0.01) | {"pose": None}
+    assert steadiness([lost, *rows], plate, hand, 3.0) == pytest.approx([1, *expected])
     kept = steady_rows(rows, plate, hand, 1.0)
     assert [each["model_pose"].x for each in kept] == [0.0, 0.015, 0.03]
     assert "is too heavy for the suction cup of 60 N at 4 grasps" in unsteady("plate", 4, hand)

@@ -13,13 +13,15 @@ import semmap as package
 from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.automata import stored_arm
+from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.practice import practise, practise_places
 from semmap.manipulation.retrieval import known_grasps, stored_gripper
 from semmap.manipulation.store.models import object_model_id
 from semmap.manipulation.suction import Cup
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
-from tests.manipulation.grippers import SUCTION, urdf
+from tests.manipulation.cabinets import Cabinet, Kind
+from tests.manipulation.grippers import BY_HAND, SUCTION, urdf
 from tests.seen import seen_by
 
 
@@ -76,6 +78,62 @@ def test_a_heavy_thing_is_refused_with_the_reason(table: Map) -> None:
     assert np.hypot(*middles.T).max() < 0.008, "3 kg hang at 7.8 mm beside the middle at most"
 
 
+def test_each_thing_is_refused_for_its_own_grasps(table: Map) -> None:
+    """On top of the cup that holds them, both would rest: below them is the table."""
+    heavy = trimesh.creation.box((0.2, 0.14, 0.012))
+    table.add_object("slate", type="laptop", mesh=heavy, pose=(1.64, 1.7, 0.7565))
+    counts = {}
+    for name in ("tablet", "slate"):
+        assert len(table.grasps(name, gripper="suction")) > 0
+        table.connection.execute(
+            "UPDATE entity SET properties = properties || '{\"mass\": 7}' WHERE name = %s", (name,)
+        )
+        counts[name] = table.grasps(name, gripper="suction").problems[1]
+    both = table.grasps(at=(1.77, 1.7, 0.756), tolerance=0.16, gripper="suction").problems
+    assert len(counts) == 2
+    assert set(counts.values()) <= set(both)
+
+
+@pytest.mark.parametrize("mass", ['"2 kg"', "-1", "true", '"NaN"', "0"])
+def test_a_mass_that_is_no_number_is_refused_by_name(table: Map, mass: str) -> None:
+    here = table.connection
+    for name in ("mass", "weight"):
+        here.execute(
+            "UPDATE entity SET properties = jsonb_build_object(%s::text, %s::jsonb) "
+            "WHERE name = 'tablet'",
+            (name, mass),
+        )
+        why = f"tablet: its property {name} is .*: give kilograms, a number above 0"
+        with pytest.raises(ManipulationError, match=why):
+            table.grasps("tablet", gripper="suction")
+        with pytest.raises(ManipulationError, match=why):
+            practise(seen_by(here), "tablet", "suction")
+        here.execute("SELECT 1")
+
+
+def test_fingers_ask_for_no_mass(table: Map) -> None:
+    table.database.add_gripper(urdf("panda"), "panda")
+    table.connection.execute(
+        "UPDATE entity SET properties = jsonb_build_object('mass', '2 kg') WHERE name = 'cup1'"
+    )
+    assert len(table.grasps("cup1", gripper="panda")) > 0
+
+
+def test_the_weight_counts_before_the_mass(table: Map) -> None:
+    table.connection.execute(
+        "UPDATE entity SET properties = '{\"mass\": 0.1, \"weight\": 7}' WHERE name = 'tablet'"
+    )
+    assert "is too heavy" in table.grasps("tablet", gripper="suction").problems[-1]
+
+
+def test_a_thing_without_a_pose_is_not_judged_by_weight(table: Map) -> None:
+    plate = trimesh.creation.box((0.2, 0.14, 0.012))
+    table.add_object("lost", type="laptop", mesh=plate)
+    found = table.grasps("lost", gripper="suction", check=False)
+    assert len(found) > 0
+    assert found.problems == ["lost: not judged by weight: it has no pose in the map"]
+
+
 def test_what_lets_air_through_and_what_is_small_is_refused(table: Map) -> None:
     bear = trimesh.creation.box((0.1, 0.1, 0.1))
     table.add_object("bear", type="teddy_bear", mesh=bear, pose=(1.4, 1.4, 0.8005))
@@ -92,6 +150,29 @@ def test_what_lets_air_through_and_what_is_small_is_refused(table: Map) -> None:
     assert (
         problem == "tablet: gripper suction is a suction cup, whose soft lip pushes nothing along"
     )
+
+
+@pytest.mark.parametrize("kind", ["door", "drawer"])
+def test_a_cup_neither_opens_nor_turns(table: Map, tmp_path: Path, kind: Kind) -> None:
+    cabinet = Cabinet.random(1, kind, "bar")
+    db = table.database
+    db.import_file(cabinet.write(tmp_path / "cabinet.urdf"), map="cabinet")
+    cabinets = db.map("cabinet")
+    for asked, does in ((cabinets.openings, "closes on no handle"), (cabinets.turns, "about a")):
+        found = asked(kind, gripper="suction")
+        assert list(found) == []
+        assert found.generated == []
+        (problem,) = found.problems
+        assert problem.startswith(f"{kind}: gripper suction is a suction cup, whose soft lip ")
+        assert does in problem
+
+
+def test_a_hand_whose_palm_is_named_as_a_cup_stays_a_hand(table: Map, tmp_path: Path) -> None:
+    path = tmp_path / "hand.urdf"
+    path.write_text(BY_HAND.replace("palm", "vacuum_palm"))
+    table.database.add_gripper(path, "plates")
+    kept = stored_gripper(table.connection, "plates")
+    assert (kept.kind, kept.palm, kept.cup) == ("parallel", "vacuum_palm", None)
 
 
 def test_a_thing_is_put_down_by_the_cup_that_holds_it(table: Map) -> None:
