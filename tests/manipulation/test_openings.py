@@ -20,7 +20,7 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from tests.conftest import MakeDatabase
 from tests.manipulation.cabinets import Cabinet
-from tests.manipulation.grippers import real_gripper, urdf
+from tests.manipulation.grippers import SUCTION, real_gripper, urdf
 
 Imported = Callable[[Cabinet], Map]
 
@@ -303,3 +303,15 @@ def test_the_table_takes_slides_and_hinges_alone(db: Database) -> None:
                 with pytest.raises(psycopg.errors.CheckViolation):
                     db.session.execute(statement, (kind, count))
             raise psycopg.Rollback(transaction)
+
+
+def test_a_cup_neither_opens_nor_turns(db: Database, door: Map, tmp_path: Path) -> None:
+    path = tmp_path / "one_cup.urdf"
+    path.write_text(SUCTION)
+    db.add_gripper(path, "suction", suction=0.015)
+    for asked, does in ((door.openings, "closes on no handle"), (door.turns, "about a hinge")):
+        found = asked("door", gripper="suction")
+        assert (list(found), found.generated) == ([], [])
+        (problem,) = found.problems
+        assert problem.startswith("door: gripper suction is a suction cup, whose soft lip ")
+        assert does in problem

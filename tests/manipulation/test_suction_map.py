@@ -20,7 +20,6 @@ from semmap.manipulation.store.models import object_model_id
 from semmap.manipulation.suction import Cup
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
-from tests.manipulation.cabinets import Cabinet, Kind
 from tests.manipulation.grippers import BY_HAND, SUCTION, urdf
 from tests.seen import seen_by
 
@@ -150,21 +149,6 @@ def test_what_lets_air_through_and_what_is_small_is_refused(table: Map) -> None:
     assert (
         problem == "tablet: gripper suction is a suction cup, whose soft lip pushes nothing along"
     )
-
-
-@pytest.mark.parametrize("kind", ["door", "drawer"])
-def test_a_cup_neither_opens_nor_turns(table: Map, tmp_path: Path, kind: Kind) -> None:
-    cabinet = Cabinet.random(1, kind, "bar")
-    db = table.database
-    db.import_file(cabinet.write(tmp_path / "cabinet.urdf"), map="cabinet")
-    cabinets = db.map("cabinet")
-    for asked, does in ((cabinets.openings, "closes on no handle"), (cabinets.turns, "about a")):
-        found = asked(kind, gripper="suction")
-        assert list(found) == []
-        assert found.generated == []
-        (problem,) = found.problems
-        assert problem.startswith(f"{kind}: gripper suction is a suction cup, whose soft lip ")
-        assert does in problem
 
 
 def test_a_hand_whose_palm_is_named_as_a_cup_stays_a_hand(table: Map, tmp_path: Path) -> None:
