@@ -41,6 +41,9 @@ ROBOTS = ("tiago_pro", "pr2", "tiago")
 THINGS, SEED = 10, 3
 """Missions of each robot, and the seed of where things are and go."""
 
+START = "kitchen"
+"""The room from which robots start."""
+
 LOW, HIGH = 0.3, 1.1
 """Metres above the floor of furniture that things lie on."""
 
@@ -149,12 +152,12 @@ def main() -> None:
                 )
                 goal = f"on('{thing}', '{target}')"
                 try:
-                    house.plan(goal, robot=robot)
+                    house.plan(goal, start=START, robot=robot)
                 except NoPlanError as error:
                     why[str(error)] += 1
                     continue
                 start = time.process_time()
-                ran = house.run(goal, robot=robot, speed=1e5)
+                ran = house.run(goal, start=START, robot=robot, speed=1e5)
                 seconds.append(time.process_time() - start)
                 brought.append(ran.done and is_there(house, ran, thing, target))
                 if not brought[-1]:

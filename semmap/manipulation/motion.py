@@ -69,9 +69,9 @@ def plan_motion(
     """Positions (N, D) from start to goal (D,) that are free of collisions; None if not found.
 
     RRT-Connect (Kuffner and LaValle) of OMPL for three quarters of the seconds of the processor,
-    then KPIECE (Şucan and Kavraki), then shortcuts; each position has been checked, and a joint moves by at
-    most `STEP` between them. ManipulationError where start or goal touches something or is beyond
-    limits.
+    then KPIECE (Şucan and Kavraki), then shortcuts; each position has been checked, and a joint
+    moves by at most `STEP` between them. ManipulationError where start or goal touches something or
+    is beyond limits.
     """
 
     def free(position: Floats) -> bool:
