@@ -56,6 +56,9 @@ REACHED = 150
 AT_SPOT = 6
 """Places at one spot whose reach is computed."""
 
+RING = 0.1
+"""Metres of distance from a base within which spots are tried in any order."""
+
 UPRIGHT = np.cos(np.radians(5))
 """Of a stored place whose way down differs by less from the vertical."""
 
@@ -532,13 +535,17 @@ def _in_order(
 ) -> list[PlacePose]:
     """The spots with most room first; else, of those with enough, the nearest to a point first.
 
-    With `away`, those come first that are nearest to that distance from it.
+    With `away`, those come first that are nearest to that distance from it; of those about as near,
+    the order is by chance, so that the first few differ in side and heading.
     """
     if towards is None:
         return list(spots)
     point = np.asarray(towards, dtype=float)[:2]
     gap = {s: abs(float(np.linalg.norm(s.pose[:2, 3] - point)) - away) for s in spots}
-    return sorted(spots, key=lambda s: (s.quality < room, gap[s]))
+    if not away:
+        return sorted(spots, key=lambda s: (s.quality < room, gap[s]))
+    chance = dict(zip(spots, np.random.default_rng(0).random(len(spots)).tolist(), strict=True))
+    return sorted(spots, key=lambda s: (s.quality < room, gap[s] // RING, chance[s]))
 
 
 def _row(place: dict[str, Any], spot: PlacePose) -> dict[str, Any]:

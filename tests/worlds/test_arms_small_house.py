@@ -154,6 +154,7 @@ def test_it_brings_a_bottle_to_another_table(kitchen: Kitchen, palms: Any) -> No
         ran = db.map("house").run(goal, robot="tiago", start="kitchen", speed=1000)
         assert ran.done, ran.reason
         there = db.map(ran.map)
+        ((posture,),) = there.execute("SELECT posture FROM automaton WHERE name = 'tiago'")
         told = "SELECT command FROM mission_step WHERE mission_id = %s ORDER BY number"
         commands = [command for (command,) in there.execute(told, ran.mission)]
         for action, name in (("grasp", "pickup"), ("place", "place")):
@@ -166,7 +167,7 @@ def test_it_brings_a_bottle_to_another_table(kitchen: Kitchen, palms: Any) -> No
             motion = command["motion"]
             ways = [np.array(motion[way]) for way in WAYS if motion[way]]
             assert len(ways) == (3 if name == "pickup" else 4)
-            rest = [json.loads(FOLDED).get(joint, 0.0) for joint in motion["joints"]]
+            rest = [posture[joint] for joint in motion["joints"]]
             np.testing.assert_allclose(ways[0][0], rest, atol=1e-3)
             np.testing.assert_allclose(ways[-1][-1], rest, atol=1e-3)
             for one, other in pairwise(ways):
