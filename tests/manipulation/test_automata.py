@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yourdfpy
 from sqlalchemy import text
 
 from planner.mission.behaviours import Outcome
@@ -17,6 +18,7 @@ from semmap.manipulation.arm_motions import plan_action
 from semmap.manipulation.automata import (
     automaton_of,
     base_pose,
+    quickest_first,
     reachable_rows,
     register_robot,
     stored_arm,
@@ -109,6 +111,33 @@ def test_unknown_robots_and_those_without_an_arm(panda, tmp_path):
     with pytest.raises(ManipulationError, match="no joint moves palm"):
         register_robot(panda, tmp_path / "two_plates.urdf", "plates")
     assert automaton_of(panda, "plates", None, "panda") == ("panda", "panda_gripper")
+
+
+def test_the_quickest_comes_first_after_what_succeeded(panda):
+    """Seconds of the joint that takes longest, by the velocities that yourdfpy reads."""
+    arm, random = stored_arm(panda, "panda")[1], np.random.default_rng(3)
+    joints = yourdfpy.URDF.load(
+        str(urdf("panda")), load_meshes=False, filename_handler=lambda file: file
+    ).joint_map
+    rows = []
+    for number, position in enumerate(random.uniform(arm.low, arm.high, (30, len(arm.low)))):
+        named = dict(zip((joint.name for joint in arm.joints), position.tolist(), strict=True))
+        tried = {"attempts": number % 3, "successes": int(number % 7 == 1)}
+        rows.append({"position": named, "expected": random.uniform(0.1, 1), **tried})
+    names, rest = [*rows[0]["position"]], dict(zip([*rows[0]["position"]], arm.rest(), strict=True))
+
+    def cost(row):
+        moved = [abs(row["position"][name] - rest[name]) for name in names]
+        speeds = [min(1.0, joints[name].limit.velocity) for name in names]
+        return max(np.divide(moved, speeds)) / row["expected"]
+
+    def worked(row):
+        return row["successes"] > 0 and row["successes"] >= row["attempts"] / 2
+
+    first = sorted(filter(worked, rows), key=cost)
+    others = sorted((row for row in rows if not worked(row)), key=cost)
+    assert first
+    assert quickest_first(rows, arm) == first + others
 
 
 def test_a_mission_takes_what_the_arm_of_its_robot_reaches(cup_map):
