@@ -139,17 +139,9 @@ class MapManipulation(MapQuestions):
         LookupError, ValueError
             As `grasps`; the object has no mesh, or the other one no level surface.
         """
-        from semmap.manipulation.places import find_places
-        from semmap.manipulation.retrieval import gripper_or_urdf
-
-        _at_least_one(limit)
-        with self.transaction():
-            if robot is not None:
-                acting = self._robot(robot, base, gripper, plan=plan, state=state, limit=limit)
-                return acting.places(name, on, towards)
-            _for_robots_only(base=base, plan=plan, state=state)
-            hand = gripper_or_urdf(self.connection, gripper)
-            return find_places(self._seen, name, on, gripper=hand, towards=towards, limit=limit)
+        asked: dict[str, Any] = {"towards": towards, "gripper": gripper, "limit": limit}
+        reach: dict[str, Any] = {"robot": robot, "base": base, "plan": plan, "state": state}
+        return self._found("places", name, on, **asked, **reach)
 
     def pushes(
         self,
@@ -179,17 +171,9 @@ class MapManipulation(MapQuestions):
         LookupError, ValueError
             As `grasps`; the object has no mesh, or stands on nothing level.
         """
-        from semmap.manipulation.pushes import find_pushes
-        from semmap.manipulation.retrieval import gripper_or_urdf
-
-        _at_least_one(limit)
-        with self.transaction():
-            if robot is not None:
-                acting = self._robot(robot, base, gripper, plan=plan, state=state, limit=limit)
-                return acting.pushes(name, distance)
-            _for_robots_only(base=base, plan=plan, state=state)
-            hand = gripper_or_urdf(self.connection, gripper)
-            return find_pushes(self._seen, name, gripper=hand, distance=distance, limit=limit)
+        asked: dict[str, Any] = {"distance": distance, "gripper": gripper, "limit": limit}
+        reach: dict[str, Any] = {"robot": robot, "base": base, "plan": plan, "state": state}
+        return self._found("pushes", name, **asked, **reach)
 
     def openings(
         self,
@@ -233,9 +217,10 @@ class MapManipulation(MapQuestions):
             As `grasps`; the object has no mesh, nothing tells how it moves or where a travel below
             0 leads, it is open already, or its joint does not allow the travel.
         """
-        axis = {"hinge": hinge, "slide": slide, "travel": travel}
+        asked: dict[str, Any] = {"hinge": hinge, "slide": slide, "travel": travel}
+        asked |= {"gripper": gripper, "limit": limit}
         reach: dict[str, Any] = {"robot": robot, "base": base, "plan": plan, "state": state}
-        return self._moves("openings", name, axis, gripper, limit, **reach)
+        return self._found("openings", name, **asked, **reach)
 
     def turns(
         self,
@@ -269,36 +254,36 @@ class MapManipulation(MapQuestions):
         LookupError, ValueError
             As `openings`; the part slides.
         """
-        axis = {"hinge": hinge, "travel": travel}
+        asked: dict[str, Any] = {"hinge": hinge, "travel": travel}
+        asked |= {"gripper": gripper, "limit": limit}
         reach: dict[str, Any] = {"robot": robot, "base": base, "plan": plan, "state": state}
-        return self._moves("turns", name, axis, gripper, limit, **reach)
+        return self._found("turns", name, **asked, **reach)
 
-    def _moves(
+    def _found(
         self,
-        what: Literal["openings", "turns"],
-        name: str,
-        axis: dict[str, Any],
+        what: str,
+        *names: str,
         gripper: str | Path | None,
         limit: int,
-        *,
         robot: str | Path | None,
         base: Sequence[float] | None,
         plan: bool,
         state: Mapping[str, float] | None,
+        **asked: Any,
     ) -> FoundActions:
-        from semmap.manipulation.openings import find_openings, find_turns
+        """The actions `what` of `robot_actions.FINDERS`, of a gripper alone or of a robot."""
         from semmap.manipulation.retrieval import gripper_or_urdf
+        from semmap.manipulation.robot_actions import FINDERS
 
         _at_least_one(limit)
         with self.transaction():
             if robot is not None:
                 acting = self._robot(robot, base, gripper, plan=plan, state=state, limit=limit)
-                found: FoundActions = getattr(acting, what)(name, **axis)
-                return found
+                return acting.found(what, *names, **asked)
             _for_robots_only(base=base, plan=plan, state=state)
             hand = gripper_or_urdf(self.connection, gripper)
-            find = find_openings if what == "openings" else find_turns
-            return find(self._seen, name, gripper=hand, limit=limit, **axis)
+            find, _, _ = FINDERS[what]
+            return find(self._seen, *names, gripper=hand, limit=limit, **asked)
 
     # --- shapes, attempts and their outcomes
 

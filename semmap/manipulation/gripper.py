@@ -92,7 +92,7 @@ class Gripper:
 
     @property
     def stiff_hulls(self) -> tuple[Floats, ...]:
-        """The corners (N, 3) of what of each link the object must not touch, as `hulls`."""
+        """As `hulls`, the corners of those parts of links that the object must not touch."""
         return self.hulls if self.stiff is None else self.stiff
 
     @property

@@ -6,7 +6,7 @@ its palm along the way (Hogan 1985), so that errors of the way are not forced on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from semmap.arrays import Floats
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.part_motion import PartMotion
-from semmap.manipulation.trial import APPROACH, CLOSE, REST, STEP, STIFFNESS, Body, Trial
+from semmap.manipulation.trial import APPROACH, CLOSE, REST, STEP, STIFFNESS, Body, Trial, smooth
 
 SPEED = 0.2
 """Metres a second by which the grasped point of the part is led."""
@@ -124,7 +124,7 @@ class PartTrial(Trial):
         self._drive(opened, opened, way(0, before), way(0, pose), APPROACH)
         self._drive(opened, shut, way(0, pose), way(0, pose), CLOSE)
         gripped = self._sides() == {-1, 1}
-        self._lead(lambda share: way(share, pose), shut, self._seconds(pose))
+        self._lead(lambda share: way(smooth(share), pose), shut, shut, self._seconds(pose))
         self._drive(shut, shut, way(1, pose), way(1, pose), REST)
         return OpeningOutcome(self._share(), gripped, self._sides() == {-1, 1})
 
@@ -141,7 +141,7 @@ class PartTrial(Trial):
         self._reset(fingers, way(0, before))
         self._drive(fingers, fingers, way(0, before), way(0, pose), APPROACH)
         begun = self._share()
-        self._lead(lambda share: way(share, pose), fingers, self._seconds(pose))
+        self._lead(lambda share: way(smooth(share), pose), fingers, fingers, self._seconds(pose))
         self._drive(fingers, fingers, way(1, pose), way(1, pose), REST)
         touched = bool(self._normals())
         return OpeningOutcome(self._share(), begun < 0.5, touched)
@@ -191,54 +191,19 @@ class PartTrial(Trial):
         along = [float(normal @ closing) for normal in self._normals()]
         return {int(np.sign(share)) for share in along if abs(share) > SIDE}
 
-    def _drive(
-        self,
-        opened: Mapping[str, float],
-        shut: Mapping[str, float],
-        begin: Floats,
-        end: Floats,
-        seconds: float,
-        sway: float = 0.0,
-    ) -> None:
-        def pose_at(share: float) -> Floats:
-            pose = end.copy()
-            pose[:3, 3] += (1 - share) * (begin - end)[:3, 3]
-            return pose
-
-        self._lead(pose_at, shut, seconds, opened)
-
-    def _lead(
-        self,
-        pose_at: Callable[[float], Floats],
-        fingers: Mapping[str, float],
-        seconds: float,
-        begun: Mapping[str, float] | None = None,
-    ) -> None:
-        """Lead the palm along poses, by springs, and the fingers' targets from those begun with."""
-        steps = round(seconds / STEP)
-        shares = np.arange(steps + 1) / steps
-        poses = [pose_at(share) for share in shares**2 * (3 - 2 * shares)]
-        first = fingers if begun is None else begun
-        self._mujoco.mj_forward(self.model, self.data)  # for poses, where nothing moved yet
-        for i, share in enumerate(shares[1:]):
-            early = min(1.0, 2 * share)
-            for name, actuator in zip(self.gripper.joints, self._actuators, strict=True):
-                self.data.ctrl[actuator] = first[name] + early * (fingers[name] - first[name])
-            self._pull(poses[i : i + 2])
-            self._mujoco.mj_step(self.model, self.data)
-
-    def _pull(self, poses: Sequence[Floats]) -> None:
+    def _pull(self, last: Floats, pose: Floats) -> None:
         """The force of springs and dampers, both critically damped, towards the second pose."""
-        last, goal = poses
+        if self.data.time == 0:  # nothing moved yet: poses are to be computed
+            self._mujoco.mj_forward(self.model, self.data)
         palm = self.model.body("palm")
         mass, inertia = self._weights(palm.id)
         speed = self.data.joint("palm").qvel
         here = self._pose("palm")
-        turn = Rotation.from_matrix(goal[:3, :3] @ here[:3, :3].T).as_rotvec()
-        led = Rotation.from_matrix(goal[:3, :3] @ last[:3, :3].T).as_rotvec() / STEP
-        wanted = (goal - last)[:3, 3] / STEP
+        turn = Rotation.from_matrix(pose[:3, :3] @ here[:3, :3].T).as_rotvec()
+        led = Rotation.from_matrix(pose[:3, :3] @ last[:3, :3].T).as_rotvec() / STEP
+        wanted = (pose - last)[:3, 3] / STEP
         spin = here[:3, :3] @ speed[3:]  # of a free joint, in the frame of its body
-        force = PULL * (goal - here)[:3, 3] + 2 * np.sqrt(PULL * mass) * (wanted - speed[:3])
+        force = PULL * (pose - here)[:3, 3] + 2 * np.sqrt(PULL * mass) * (wanted - speed[:3])
         torque = TURNING * turn + 2 * np.sqrt(TURNING * inertia) * (led - spin)
         force *= min(1.0, STRONGEST / max(float(np.linalg.norm(force)), 1e-9))
         self.data.xfrc_applied[palm.id] = [*force, *torque]

@@ -93,9 +93,7 @@ def practise(
         attempt,
         lambda grasp: (standing @ grasp.pose[:3, :3]).T @ np.array([0.0, 0.0, -1.0]),
         tries=tries,
-        corrections=0
-        if hand.cup is not None
-        else CORRECTIONS,  # beside its spot, a cup is not tight
+        corrections=CORRECTIONS if hand.cup is None else 0,  # beside its spot, no cup is tight
     )
     with seen.session.transaction():
         return _store(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,15 @@ from semmap.query.snapshot import Snapshot
 
 PLANNED = 40
 """Actions within reach among which one is chosen whose motion is free."""
+
+
+FINDERS: dict[str, tuple[Callable[..., FoundActions], str, str]] = {
+    "places": (find_places, "to_pre_place", "retreat_positions"),
+    "pushes": (find_pushes, "to_pre_push", "push_positions"),
+    "openings": (find_openings, "to_pre_grasp", "open_positions"),
+    "turns": (find_turns, "to_pre_push", "turn_positions"),
+}
+"""What finds actions, and the keys of a motion to where they begin, and after the approach."""
 
 
 @dataclass(frozen=True)
@@ -68,29 +77,12 @@ class RobotActions:
             replace(found, rows=rows, problems=problems), "to_pre_grasp", "retreat_positions"
         )
 
-    def places(self, name: str, on: str, towards: Sequence[float] | None = None) -> FoundActions:
-        """The places of an object that the arm reaches; arguments as of `find_places`."""
+    def found(self, what: str, *names: str, **asked: Any) -> FoundActions:
+        """The actions `what` of `FINDERS` that the arm reaches, with arguments as of its finder."""
+        find, before, after = FINDERS[what]
         reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
-        found = find_places(self.seen, name, on, gripper=self.gripper, towards=towards, **reach)
-        return self._planned(found, "to_pre_place", "retreat_positions")
-
-    def pushes(self, name: str, distance: float = 0.1) -> FoundActions:
-        """The pushes of an object that the arm reaches; arguments as of `find_pushes`."""
-        reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
-        found = find_pushes(self.seen, name, gripper=self.gripper, distance=distance, **reach)
-        return self._planned(found, "to_pre_push", "push_positions")
-
-    def openings(self, name: str, **asked: Any) -> FoundActions:
-        """The ways to open a part that the arm reaches; arguments as of `find_openings`."""
-        reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
-        found = find_openings(self.seen, name, gripper=self.gripper, **asked, **reach)
-        return self._planned(found, "to_pre_grasp", "open_positions")
-
-    def turns(self, name: str, **asked: Any) -> FoundActions:
-        """The ways to turn a part that the arm reaches; arguments as of `find_turns`."""
-        reach: dict[str, Any] = {"arm": self.arm, "base": self.base, "limit": self.count}
-        found = find_turns(self.seen, name, gripper=self.gripper, **asked, **reach)
-        return self._planned(found, "to_pre_push", "turn_positions")
+        found = find(self.seen, *names, gripper=self.gripper, **asked, **reach)
+        return self._planned(found, before, after)
 
     def _planned(self, found: FoundActions, before: str, after: str) -> FoundActions:
         """The action of a motion, its positions before and after the approach under these keys."""

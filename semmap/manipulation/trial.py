@@ -6,7 +6,7 @@ The object stands on a table.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -435,23 +435,45 @@ class Trial:
         sway: float = 0.0,
     ) -> None:
         """Move the palm straight and the fingers' targets evenly."""
+
+        def pose_at(share: float) -> Floats:
+            pose = end.copy()
+            pose[:3, 3] += (1 - smooth(share)) * (begin - end)[:3, 3]
+            phase = 2 * np.pi * 3 * share * seconds
+            pose[:3, 3] += sway * np.sin(phase) * np.array([1.0, 0.5, 0.25])
+            return pose
+
+        self._lead(pose_at, opened, shut, seconds)
+
+    def _lead(
+        self,
+        pose_at: Callable[[float], Floats],
+        opened: Mapping[str, float],
+        shut: Mapping[str, float],
+        seconds: float,
+    ) -> None:
+        """Move the palm along poses (4, 4) at shares of the time, and the fingers' targets."""
         steps = round(seconds / STEP)
-        pose = end.copy()
-        self._hold(pose)
-        for i in range(steps):
-            share = (i + 1) / steps
-            smooth = share * share * (3 - 2 * share)
-            at = begin[:3, 3] + smooth * (end[:3, 3] - begin[:3, 3])
-            if sway:
-                phase = 2 * np.pi * 3 * share * seconds
-                at = at + sway * np.sin(phase) * np.array([1.0, 0.5, 0.25])
-            self.data.mocap_pos[0] = at
+        last = pose_at(0.0)
+        for share in (np.arange(steps) + 1) / steps:
+            early = min(1.0, 2 * share)
             for name, actuator in zip(self.gripper.joints, self._actuators, strict=True):
-                early = min(1.0, 2 * share)
                 self.data.ctrl[actuator] = opened[name] + early * (shut[name] - opened[name])
+            pose = pose_at(float(share))
+            self._pull(last, pose)
             self._mujoco.mj_step(self.model, self.data)
             if self.vacuum is not None:
                 self.vacuum.watch()
+            last = pose
+
+    def _pull(self, last: Floats, pose: Floats) -> None:
+        """Let the palm go from one pose to the next."""
+        self._hold(pose)
+
+
+def smooth(share: float) -> float:
+    """A share of a way after a share of its time: slow at both ends."""
+    return share * share * (3 - 2 * share)
 
 
 @lru_cache(maxsize=256)

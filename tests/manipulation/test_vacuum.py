@@ -126,4 +126,4 @@ def test_a_book_is_put_down_and_let_go(hand: Gripper) -> None:
     assert rest_mismatch(rest) is None
     assert made.vacuum is not None
     assert not made.vacuum.holds
-    assert made.run(grasp) == made.run(grasp), "each trial begins anew"
+    assert made.run(grasp) == made.run(grasp), "a trial keeps nothing of the one before"
