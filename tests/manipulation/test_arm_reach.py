@@ -66,6 +66,18 @@ def test_no_base_behind_a_wall(cups: Map, here: Any, reach: Callable[[Any], ArmR
     assert reach(here).cost(BASE) is None
 
 
+@pytest.mark.parametrize("reach", [taking, putting])
+def test_no_base_where_the_arm_meets_something_as_it_is_carried(
+    cups: Map, here: Any, reach: Callable[[Any], ArmReach]
+) -> None:
+    """A block where the hand is carried, off the cup and the table."""
+    arm = stored_arm(here, "panda")[1]
+    x, y, z = (BASE.matrix @ arm.grasp_pose(arm.rest()))[:3, 3].tolist()
+    assert reach(here).cost(BASE) is not None
+    cups.add_object("block", type="box", size=(0.06, 0.06, 0.06), pose=(x, y, z - 0.03, 0))
+    assert reach(here).cost(BASE) is None
+
+
 def test_the_wall_leaves_the_hand_free(cups: Map, here: Any) -> None:
     """Only the arm meets it: without its collisions, the base behind it would do."""
     build_wall(cups)

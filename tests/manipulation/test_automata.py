@@ -25,7 +25,7 @@ from semmap.manipulation.automata import (
 )
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places
-from semmap.manipulation.retrieval import find_grasps
+from semmap.manipulation.retrieval import find_grasps, register_gripper
 from semmap.manipulation.store.tasks import record_task
 from tests.command_line import semmap
 from tests.manipulation.cup_map import path_between
@@ -111,6 +111,15 @@ def test_unknown_robots_and_those_without_an_arm(panda, tmp_path):
     with pytest.raises(ManipulationError, match="no joint moves palm"):
         register_robot(panda, tmp_path / "two_plates.urdf", "plates")
     assert automaton_of(panda, "plates", None, "panda") == ("panda", "panda_gripper")
+
+
+def test_a_gripper_of_its_name_leaves_a_robot_its_arm(cups):
+    """A gripper that is read from the URDF of a whole robot has the robot's name."""
+    here = cups.connection
+    assert register_gripper(here, urdf("panda")) == "panda"
+    register_robot(here, urdf("panda"), "panda")
+    assert automaton_of(here, "panda") == ("panda", "panda_gripper")
+    assert len(stored_arm(here, "panda")[1].joints) == 7
 
 
 def test_the_quickest_comes_first_after_what_succeeded(panda):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 import yourdfpy
 
 from semmap.manipulation.arm import Arm
@@ -34,6 +35,26 @@ def test_the_arm_stays_near_the_robot_and_above_the_floor(name: str, most: float
     assert origins[:, 2].min() > 0
     position = np.array(list(posture.values()))
     assert ((position >= arm.low - 1e-4) & (position <= arm.high + 1e-4)).all()
+
+
+@pytest.mark.parametrize("name", ["tiago", "pr2", "tiago_pro"])
+def test_what_is_carried_has_room(name: str) -> None:
+    """No link but those of the hand is within 9 cm of where it holds, by trimesh."""
+    arm = Arm(real_gripper(name))
+    robot = yourdfpy.URDF.load(
+        str(urdf(name)), load_meshes=False, filename_handler=lambda file: file
+    )
+    robot.update_cfg(carrying_posture(arm))
+    palm = robot.get_transform(arm.gripper.palm)
+    held = (palm @ arm.gripper.frame)[:3, 3]
+    own = {*arm.gripper.links, *arm.gripper.margins}
+    others = [link for link in arm.robot.meshes if link not in own]
+    assert others
+    for link in others:
+        pose = robot.get_transform(link)
+        hull = trimesh.convex.convex_hull(trimesh.transform_points(arm.robot.hull(link), pose))
+        assert not hull.contains([held])[0]
+        assert trimesh.proximity.closest_point(hull, [held])[1][0] > 0.09, link
 
 
 def test_the_same_robot_is_carried_in_the_same_way() -> None:
