@@ -110,9 +110,7 @@ def unasked(house_map: semmap.Map, goal: str) -> Any:
         return TaskPlanner(live, gripper="tiago_gripper").task(seen, goal, "kitchen").plan()
 
 
-def quickest(
-    kitchen: Kitchen, house_map: semmap.Map, chain: Chain, name: str, base: Pose
-) -> float:
+def quickest(kitchen: Kitchen, house_map: semmap.Map, chain: Chain, name: str, base: Pose) -> float:
     """The least seconds of the joint that moves longest to a grasp, by its expected successes."""
     words = ("grasp", name, "--robot", "tiago", "--limit", 40, "--base", given(base))
     ((rest,),) = house_map.execute("SELECT posture FROM automaton WHERE name = 'tiago'")
