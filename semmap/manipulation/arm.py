@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cached_property
+from collections.abc import Iterator, Mapping
+from functools import cache, cached_property
 from itertools import combinations
 from threading import local
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from semmap.arrays import Floats
 from semmap.manipulation.collision import (
+    ConvexBody,
     Obstacles,
     PlacedObstacles,
     convex_body,
@@ -87,16 +88,8 @@ class Arm:
         margins = gripper.margins
         self._links = tuple(link for link in robot.meshes if link not in margins)
         self._carrier = np.array([carrier[link] for link in self._links])
-        self._attached: dict[tuple[tuple[str, float], ...], tuple[Floats, dict[int, Any]]] = {}
+        self._attached: dict[tuple[tuple[str, float], ...], tuple[Floats, dict[int, ConvexBody]]] = {}
         self._bodies = [convex_body(robot.hull(link)) for link in self._links]
-        corners = [robot.hull(link) for link in self._links]
-        self._middles = np.array([(c.min(axis=0) + c.max(axis=0)) / 2 for c in corners])
-        self._radii = np.array(
-            [
-                np.linalg.norm(c - m, axis=1).max()
-                for c, m in zip(corners, self._middles, strict=True)
-            ]
-        )
         self._moved = local()
 
     def rest(self) -> Floats:
@@ -167,7 +160,7 @@ class Arm:
         poses: Floats = self._frames(position)[self._carrier] @ self._attachment(None)[0]
         return poses
 
-    def _attachment(self, fingers: Mapping[str, float] | None) -> tuple[Floats, dict[int, Any]]:
+    def _attachment(self, fingers: Mapping[str, float] | None) -> tuple[Floats, dict[int, ConvexBody]]:
         """What each joint carries while the fingers, by default open, keep their positions.
 
         (L, 4, 4) poses of links in the frame of their joint, and by joint the hull of its links.
@@ -305,12 +298,12 @@ class Arm:
         obstacles: Obstacles | PlacedObstacles,
         *,
         fingers: Mapping[str, float] | None = None,
-        held: tuple[Any, Floats] | None = None,
+        held: tuple[ConvexBody, Floats] | None = None,
         led: bool = False,
     ) -> bool:
         """Whether no moving link touches an obstacle, in the robot's frame, or another link.
 
-        `fingers` are by default open. `held` is a part of the robot: a body of FCL and its pose (4,
+        `fingers` are by default open. `held` is a part of the robot: a body and its pose (4,
         4) in the grasp frame. What is `led` on a joint of its own may touch obstacles.
         """
         attached, hulls = self._attachment(fingers)
@@ -320,27 +313,45 @@ class Arm:
         moving = np.flatnonzero(np.isin(self._carrier, near))
         if obstacles.touched_by([self._bodies[i] for i in moving], [*poses[moving]]):
             return False
-        if self._touching(poses, self._pairs).any():
+        if any(True for _ in self._touching(poses, self._pairs)):
             return False
         if held is None:
             return True
-        there = frames[-1] @ self._tool @ held[1]
-        if not led and obstacles.touched_by([held[0]], [there]):
+        body, there = held[0], frames[-1] @ self._tool @ held[1]
+        if not led and obstacles.touched_by([body], [there]):
             return False
-        item, own = placed(held[0], there), self.gripper.links
-        others = [i for i, link in enumerate(self._links) if link not in own]
-        return not any(touch(placed(self._bodies[i], poses[i]), item) for i in others)
+        poses = np.concatenate([poses, [there]])
+        return not any(True for _ in self._touching(poses, self._others, body))
 
-    def _touching(self, poses: Floats, pairs: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """(P,) whether the hulls of each of (P, 2) pairs of links touch."""
-        middles = np.einsum("lij,lj->li", poses[:, :3, :3], self._middles) + poses[:, :3, 3]
+    def _touching(
+        self, poses: Floats, pairs: NDArray[np.intp], held: ConvexBody | None = None
+    ) -> Iterator[int]:
+        """Which of (P, 2) pairs of links touch; what is held comes after the links."""
+        bodies, boxes = self._bodies, self._boxes
+        if held is not None:
+            bodies = [*bodies, held]
+            boxes = np.concatenate([boxes, [[held.middle], [held.half]]], axis=1)
+        turns = poses[:, :3, :3]
+        middles = np.einsum("lij,lj->li", turns, boxes[0]) + poses[:, :3, 3]
+        halves = np.einsum("lij,lj->li", np.abs(turns), boxes[1])
         a, b = pairs.T
-        near = np.linalg.norm(middles[a] - middles[b], axis=1) <= self._radii[a] + self._radii[b]
-        touching = np.zeros(len(pairs), bool)
-        for k in np.flatnonzero(near):
-            one, two = (placed(self._bodies[i], poses[i]) for i in pairs[k])
-            touching[k] = touch(one, two)
-        return touching
+        near = (np.abs(middles[a] - middles[b]) <= halves[a] + halves[b]).all(axis=1)
+        there = cache(lambda i: placed(bodies[i], poses[i]))
+        for k in np.flatnonzero(near).tolist():
+            if touch(there(a[k]), there(b[k])):
+                yield k
+
+    @cached_property
+    def _boxes(self) -> Floats:
+        """(2, L, 3): the middle and half the size of the box of each link, in its own frame."""
+        return np.array([[body.middle, body.half] for body in self._bodies]).swapaxes(0, 1)
+
+    @cached_property
+    def _others(self) -> NDArray[np.intp]:
+        """(P, 2) what is held, by a number after those of links, and each link beside the hand."""
+        own = self.gripper.links
+        links = [i for i, link in enumerate(self._links) if link not in own]
+        return np.array([(i, len(self._links)) for i in links], np.intp).reshape(-1, 2)
 
     @cached_property
     def _pairs(self) -> NDArray[np.intp]:
@@ -361,8 +372,10 @@ class Arm:
         ).reshape(-1, 2)
         random = np.random.default_rng(0)
         positions = random.uniform(self.low, self.high, (20, len(self.low)))
-        often = np.mean([self._touching(self._link_poses(p), pairs) for p in positions], axis=0)
-        at_rest = self._touching(self._link_poses(self.rest()), pairs)
+        often, at_rest = np.zeros(len(pairs)), np.zeros(len(pairs), bool)
+        for position in positions:
+            often[[*self._touching(self._link_poses(position), pairs)]] += 1 / len(positions)
+        at_rest[[*self._touching(self._link_poses(self.rest()), pairs)]] = True
         apart: NDArray[np.intp] = pairs[(often < 0.7) & ~at_rest]
         return apart
 

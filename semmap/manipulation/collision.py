@@ -23,32 +23,34 @@ from semmap.manipulation.gripper import Gripper
 GAP = 0.003
 """Metres by which surfaces of meshes may be uneven."""
 
-_BODIES: WeakKeyDictionary[Gripper, dict[tuple[float, ...], Any]] = WeakKeyDictionary()
+_BODIES: WeakKeyDictionary[Gripper, dict[tuple[float, ...], ConvexBody]] = WeakKeyDictionary()
 """Swept links: the passes of all shapes approach along few directions in the grasp frame."""
 
 
-def convex_body(points: Floats) -> Any:
-    """The convex hull of (N, 3) points as a shape of FCL."""
+class ConvexBody:
+    """The convex hull of (N, 3) points; `middle` (3,) and `half` (3,) are those of its box."""
+
+    def __init__(self, points: Floats) -> None:
+        low, high = points.min(axis=0), points.max(axis=0)
+        self.middle, self.half = (low + high) / 2, (high - low) / 2
+        # A convex shape collides by the farthest of its points in a direction. FCL uses faces only
+        # to find that one among many points, and takes four times as long to prepare them.
+        self.shape = library("fcl").Convex(points, 1, np.array([3, 0, 1, 2], np.int32))
+
+
+def convex_body(points: Floats) -> ConvexBody:
+    """The convex hull of (N, 3) points, without those inside of it."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # flat
         hull = ConvexHull(points, qhull_options="QJ")
-    return _body(points[hull.vertices])
+    return ConvexBody(points[hull.vertices])
 
 
-def _body(points: Floats) -> Any:
-    """The convex hull of points, without its faces.
-
-    A convex shape collides by the farthest of its points in a direction. FCL uses faces only to
-    find that one among many points, and takes four times as long to prepare them.
-    """
-    return library("fcl").Convex(points, 1, np.array([3, 0, 1, 2], np.int32))
-
-
-def placed(body: Any, pose: Floats) -> Any:
-    """A body of FCL at a pose (4, 4)."""
+def placed(body: ConvexBody, pose: Floats) -> Any:
+    """A body at a pose (4, 4), for FCL."""
     fcl = library("fcl")
-    return fcl.CollisionObject(body, fcl.Transform(pose[:3, :3], pose[:3, 3]))
+    return fcl.CollisionObject(body.shape, fcl.Transform(pose[:3, :3], pose[:3, 3]))
 
 
 def touch(one: Any, other: Any) -> bool:
@@ -80,7 +82,7 @@ class Obstacles:
         """These and more obstacles."""
         return Obstacles(np.concatenate([self.triangles, triangles.reshape(-1, 3, 3)]))
 
-    def touched_by(self, bodies: Sequence[Any], poses: Sequence[Floats]) -> bool:
+    def touched_by(self, bodies: Sequence[ConvexBody], poses: Sequence[Floats]) -> bool:
         """Whether any of the bodies, each at its pose (4, 4), touches a triangle."""
         return len(self) > 0 and _touched(self._placed, bodies, poses)
 
@@ -106,18 +108,20 @@ class PlacedObstacles:
 
     def __init__(self, parts: Sequence[Obstacles], pose: Floats) -> None:
         self.parts, self.pose = tuple(parts), pose
-        self._placed = [placed(part.body, pose) for part in self.parts if len(part)]
+        fcl = library("fcl")
+        there = fcl.Transform(pose[:3, :3], pose[:3, 3])
+        self._placed = [fcl.CollisionObject(part.body, there) for part in self.parts if len(part)]
 
     def joined(self, other: Obstacles) -> PlacedObstacles:
         """These and others in the same frame."""
         return PlacedObstacles([*self.parts, other], self.pose)
 
-    def touched_by(self, bodies: Sequence[Any], poses: Sequence[Floats]) -> bool:
+    def touched_by(self, bodies: Sequence[ConvexBody], poses: Sequence[Floats]) -> bool:
         """Whether any of the bodies, each at its pose (4, 4) in the other frame, touches one."""
         return any(_touched(part, bodies, poses) for part in self._placed)
 
 
-def _touched(obstacle: Any, bodies: Sequence[Any], poses: Sequence[Floats]) -> bool:
+def _touched(obstacle: Any, bodies: Sequence[ConvexBody], poses: Sequence[Floats]) -> bool:
     return any(
         touch(placed(body, pose), obstacle) for body, pose in zip(bodies, poses, strict=True)
     )
@@ -242,7 +246,7 @@ def _way(metres: Floats) -> Floats:
 
 def swept_link(
     gripper: Gripper, posture: int, link: int, back: Floats, *, stiff: bool = False
-) -> Any:
+) -> ConvexBody:
     """The convex hull of a link at the grasp and moved by `back` (3,) metres, grasp frame.
 
     That of its `stiff` part, or of all of it.
@@ -251,7 +255,8 @@ def swept_link(
     key = (posture, link, *back.tolist(), float(stiff))
     if key not in bodies:
         points = _hull_points(gripper, posture, link, stiff)
-        bodies[key] = _body(np.concatenate([points, points + back]) if back.any() else points)
+        points = np.concatenate([points, points + back]) if back.any() else points
+        bodies[key] = ConvexBody(points)
     return bodies[key]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from semmap.arrays import Floats
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.collision import Obstacles, PlacedObstacles
+from semmap.manipulation.collision import ConvexBody, Obstacles, PlacedObstacles
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library
 
@@ -29,8 +29,7 @@ POSTURES = 3
 class Held(NamedTuple):
     """An object in the gripper, which is a part of the robot during transport."""
 
-    body: Any
-    """A body of FCL (`convex_body`)."""
+    body: ConvexBody
 
     pose: Floats
     """(4, 4) in the grasp frame."""
