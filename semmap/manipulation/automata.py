@@ -17,7 +17,7 @@ from semmap.manipulation.arm import Arm
 from semmap.manipulation.carrying import folded_posture
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
-from semmap.manipulation.gripper_reader import read_gripper
+from semmap.manipulation.gripper_reader import kept_gripper, read_gripper
 from semmap.manipulation.ranking import is_proven
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
 from semmap.manipulation.sensors import CAPABILITIES, read_sensors
@@ -156,7 +156,7 @@ def class_urdf(session: Session, robot_class: str) -> Path | None:
 @lru_cache(maxsize=8)
 def _gripper_of(path: Path, changed: int) -> Gripper | None:
     try:
-        return read_gripper(path)
+        return kept_gripper(path)
     except ManipulationError:
         return None
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -75,6 +76,23 @@ def read_gripper(path: Path | str, palm: str | None = None, cup: Cup | None = No
     if not found and palm is None and cups:
         return read_cup(robot, cups[0])
     return _first(found, problems, robot, path, palm)
+
+
+def kept_gripper(path: Path | str, palm: str | None = None, cup: Cup | None = None) -> Gripper:
+    """As `read_gripper`, the same one until the file changes: its grasps are kept with it.
+
+    A palm without a stated cup is that of fingers, whatever its name.
+    """
+    path = Path(path).resolve()
+    return _kept(path, path.stat().st_mtime_ns, palm, cup)
+
+
+@lru_cache(maxsize=16)
+def _kept(path: Path, changed: int, palm: str | None, cup: Cup | None) -> Gripper:
+    if palm is not None and cup is None:
+        return read_fingers(path, palm)
+    found = read_gripper(path, palm, cup)
+    return found if found.cup is not None else _kept(path, changed, found.palm, None)
 
 
 def read_fingers(path: Path | str, palm: str | None = None) -> Gripper:

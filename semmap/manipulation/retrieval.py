@@ -24,7 +24,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.generation import grasps_of_mesh, is_enough, shape_grasps
 from semmap.manipulation.gripper import Gripper
-from semmap.manipulation.gripper_reader import read_fingers, read_gripper
+from semmap.manipulation.gripper_reader import kept_gripper, read_gripper
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import STORED, actions_on, entities_meant
@@ -201,7 +201,7 @@ class _Model:
     shape: PrimitiveShape = field(compare=False)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _grasps(of: _Model) -> Grasps:
     """The grasps of a mesh, kept: plans ask for them again and again."""
     return grasps_of_mesh(of.mesh, of.shape, of.gripper)
@@ -432,13 +432,7 @@ def stored_gripper(session: Session, name: str) -> Gripper:
             f"gripper {name}: {where}, so no grasps can be generated: "
             f"semmap manipulation add-gripper URDF --name {name}"
         )
-    return _read(path, palm, Cup.of(opening / 2, force) if form == "suction" else None)
-
-
-@lru_cache(maxsize=8)
-def _read(path: str, palm: str, cup: Cup | None) -> Gripper:
-    """A stored gripper: a palm may be named as a cup (`cup_links`) and have fingers."""
-    return read_fingers(path, palm) if cup is None else read_gripper(path, palm, cup)
+    return kept_gripper(path, palm, Cup.of(opening / 2, force) if form == "suction" else None)
 
 
 ANY_GRIPPER = "SELECT 1 FROM gripper LIMIT 1"
@@ -451,7 +445,7 @@ def usual_gripper(session: Session) -> tuple[str, Gripper, bool]:
     """
     name = usual_name(session)
     if name is None:
-        return DEFAULT_GRIPPER.stem, read_gripper(DEFAULT_GRIPPER), True
+        return DEFAULT_GRIPPER.stem, kept_gripper(DEFAULT_GRIPPER), True
     return name, stored_gripper(session, name), is_default(session, name)
 
 

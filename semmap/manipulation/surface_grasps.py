@@ -339,12 +339,15 @@ def _contacts(
     half, fine = gripper.opening / 2, surface.cells
     pads = [(-1, 0.0), *((1, float(y)) for y in gripper.spread)]
     reach = np.hypot(half, max(abs(y) for _, y in pads) + PAD / 2)
-    last, some = np.full(3, np.nan), []  # type: Floats, list[int]
+    shares, held = np.zeros((len(targets), 3)), np.zeros(len(targets), bool)
+    last = np.full(3, np.nan)
+    points = normals = np.empty((0, 3))
     for i, (rotation, target) in enumerate(zip(rotations, targets, strict=True)):
         if (target != last).any():  # the same for all approaches to a pair
-            last, some = target, surface.tree.query_ball_point(target, reach)
-        at = (surface.points[some] - target) @ rotation
-        facing = np.abs(surface.normals[some] @ rotation[:, 0])
+            some = np.array(surface.tree.query_ball_point(target, reach), np.intp)
+            last, points, normals = target, surface.points[some] - target, surface.normals[some]
+        at = points @ rotation
+        facing = np.abs(normals @ rotation[:, 0])
         ends, angles, covers = {-1: [], 1: []}, [], []  # type: dict[int, list[float]], list[float], list[float]
         for side, y in pads:
             across = np.hypot(at[:, 1] - y, at[:, 2])
@@ -360,7 +363,8 @@ def _contacts(
             total = pressed.sum()
             angles.append(float(np.arccos(min(1, pressed @ facing[layer] / total))) if total else 9)
             cells = np.floor((at[layer, 1:] - [y, 0]) / PAD * fine + fine / 2).astype(int)
-            covers.append(len(np.unique(cells, axis=0)) / max(1, np.pi / 4 * fine**2))
+            seen = len(np.unique(cells[:, 0] * 2 * (fine + 1) + cells[:, 1]))
+            covers.append(seen / max(1, np.pi / 4 * fine**2))
         if not (ends[-1] and ends[1]):
             continue
         left, right = max(ends[-1]), max(ends[1])
@@ -368,13 +372,14 @@ def _contacts(
         middle = target + shift * rotation[:, 0]
         lever = surface.centre - middle
         lever = lever - (lever @ rotation[:, 0]) * rotation[:, 0]
-        shares = (
+        shares[i] = (
             1 - max(angles) / np.arctan(friction),
             min(1.0, float(np.mean(covers))),
             1 - float(np.linalg.norm(lever)) / surface.radius,
         )
-        quality = quality_of(gripper, *(np.array(s) for s in (*shares, width)))
-        found[i] = shift, width, float(quality)
+        found[i, :2] = shift, width
+        held[i] = True
+    found[held, 2] = quality_of(gripper, *shares[held].T, found[held, 1])
     return found
 
 
@@ -387,7 +392,7 @@ def _room_before_palm(
     share = np.zeros(len(targets))
     for start in range(0, len(targets), AT_ONCE):
         some = slice(start, start + AT_ONCE)
-        at = np.einsum("npi,nij->npj", points - targets[some, None], rotations[some])
+        at = points @ rotations[some] - targets[some, None] @ rotations[some]
         between = (np.abs(at[:, :, 0]) < gripper.opening / 2) & (np.abs(at[:, :, 1]) < PAD)
         back = np.where(between, -at[:, :, 2], 0).max(axis=1)
         share[some] = np.clip((gripper.depth - back) / PALM_ROOM, 0, 1) ** 0.25

@@ -15,7 +15,7 @@ from tests.buildings.judges import JUDGES, Judge, judge_routes, judge_steps, sto
 from tests.buildings.missions import judge_missions
 from tests.conftest import MakeDatabase
 
-SEEDS = range(4)
+SEEDS = range(2)
 
 WITHOUT_WALLS = [98705, 98709, 98713]
 WITH_CABINS = [112, 8168]

@@ -137,11 +137,13 @@ def main() -> None:
     peer = Peer()
     thread = threading.Thread(target=spin, args=(peer,))
     thread.start()
-    for line in sys.stdin:
-        operation, *arguments = json.loads(line)
-        print(json.dumps(getattr(peer, operation)(*arguments)), flush=True)
-    rclpy.shutdown()
-    thread.join()
+    try:
+        for line in sys.stdin:
+            operation, *arguments = json.loads(line)
+            print(json.dumps(getattr(peer, operation)(*arguments)), flush=True)
+    finally:  # else the process stays, and whoever asked waits for ever
+        rclpy.shutdown()
+        thread.join()
 
 
 if __name__ == "__main__":

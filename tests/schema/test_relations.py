@@ -499,7 +499,7 @@ def test_large_meshes_are_distinguished_by_their_surfaces(module_engine: Engine)
 
 @pytest.fixture(scope="module")
 def crowd(module_engine: Engine) -> Building:
-    """A table with a tray on it among 20,000 other things."""
+    """A table with a tray on it among 4,000 other things."""
     ids = store(module_engine, f"crowd{next(MAPS)}", office(Pose.planar(500, 500, 1)))
     with module_engine.begin() as connection:
         of_map = connection.execute(
@@ -508,7 +508,7 @@ def crowd(module_engine: Engine) -> Building:
         connection.execute(
             text(
                 "WITH e AS (INSERT INTO entity (map_id, kind, name) "
-                "SELECT :map, 'object', 'o' || i FROM generate_series(1, 20000) i RETURNING id) "
+                "SELECT :map, 'object', 'o' || i FROM generate_series(1, 4000) i RETURNING id) "
                 "INSERT INTO placement (entity_id, pose) "
                 "SELECT id, planar_pose(id % 200, (id / 200) % 200, 0, 0.5) FROM e"
             ),
