@@ -15,6 +15,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -167,10 +168,30 @@ def databases() -> dict[str, str]:
 
 
 @pytest.fixture(scope="session")
-def make_database(cluster: URL, databases: dict[str, str]) -> Iterator[MakeDatabase]:
-    """Fresh databases for fixtures of any scope; they are dropped when the tests end.
+def of_module() -> dict[str, Callable[[], None]]:
+    """The databases that go with the module whose tests made them, each with what drops it."""
+    return {}
 
-    Stored holders and poses must be those derived on each, whatever the tests did.
+
+@pytest.fixture(autouse=True, scope="module")
+def drop_those_of_module(of_module: dict[str, Callable[[], None]]) -> Iterator[None]:
+    """Without it, all tests together need three times the room on the disk."""
+    yield
+    for drop in [*of_module.values()]:
+        drop()
+
+
+@pytest.fixture(scope="session")
+def make_database(
+    cluster: URL,
+    databases: dict[str, str],
+    of_module: dict[str, Callable[[], None]],
+    drop_database: Callable[[URL], None],
+) -> Iterator[MakeDatabase]:
+    """Fresh databases for fixtures of any scope; they are dropped when the module ends.
+
+    With `keep`, they are there until all tests end. Stored holders and poses must be those derived
+    on each, whatever the tests did.
     """
     worker = os.environ.get("PYTEST_XDIST_WORKER", "main")
     prefix = f"semmap_test_{worker}_{os.getpid()}"
@@ -181,13 +202,16 @@ def make_database(cluster: URL, databases: dict[str, str]) -> Iterator[MakeDatab
         databases[template] = "the empty schema"
         open_engine(cluster.set(database=template)).dispose()
 
-        def make(of: URL | None = None) -> URL:
+        def make(of: URL | None = None, *, keep: bool = False) -> URL:
             name = f"{prefix}_{next(numbers)}"
             copied = template if of is None else of.database
             # Copying files takes a third of the time of writing them to the log.
             run(f"CREATE DATABASE {name} TEMPLATE {copied} STRATEGY FILE_COPY")
             databases[name] = os.environ["PYTEST_CURRENT_TEST"]
-            return cluster.set(database=name)
+            url = cluster.set(database=name)
+            if not keep:
+                of_module[name] = partial(drop_database, url)
+            return url
 
         yield make
         found = {
@@ -202,7 +226,9 @@ def make_database(cluster: URL, databases: dict[str, str]) -> Iterator[MakeDatab
 
 
 @pytest.fixture(scope="session")
-def drop_database(cluster: URL, databases: dict[str, str]) -> Iterator[Callable[[URL], None]]:
+def drop_database(
+    cluster: URL, databases: dict[str, str], of_module: dict[str, Callable[[], None]]
+) -> Iterator[Callable[[URL], None]]:
     """Drops a database when its tests have ended, so that its files need never be written.
 
     Its stored holders and poses must be those derived, whatever its tests did.
@@ -210,6 +236,7 @@ def drop_database(cluster: URL, databases: dict[str, str]) -> Iterator[Callable[
     with administrator(cluster) as run:
 
         def drop(url: URL) -> None:
+            of_module.pop(str(url.database), None)
             found = contradictions(url)
             run(f"DROP DATABASE {url.database} WITH (FORCE)")
             del databases[str(url.database)]
@@ -226,7 +253,7 @@ def imported(make_database: MakeDatabase, drop_database: Callable[[URL], None]) 
     def holding(files: tuple[tuple[Path, str], ...]) -> URL | None:
         if files and files not in made:
             *others, (path, map_name) = files
-            url = make_database(holding(tuple(others)))
+            url = make_database(holding(tuple(others)), keep=True)
             engine = open_engine(url)
             import_file(engine, path, map_name=map_name)
             engine.dispose()
@@ -235,7 +262,7 @@ def imported(make_database: MakeDatabase, drop_database: Callable[[URL], None]) 
 
     @contextmanager
     def engine_on(*files: tuple[Path, str]) -> Iterator[Engine]:
-        engine = open_engine(make_database(holding(files)))
+        engine = open_engine(make_database(holding(files), keep=True))
         yield engine
         engine.dispose()
         drop_database(engine.url)

@@ -40,6 +40,9 @@ FREEDOMS = 6
 """Directions in which a body moves and turns."""
 
 
+_Attached = tuple[Floats, dict[int, ConvexBody]]
+
+
 class Arm:
     """The joints from a robot's base to a gripper; all others are as `state` says, else at rest.
 

@@ -379,7 +379,8 @@ def _contacts(
         )
         found[i, :2] = shift, width
         held[i] = True
-    found[held, 2] = quality_of(gripper, *shares[held].T, found[held, 1])
+    left, on_object, centring = shares[held].T
+    found[held, 2] = quality_of(gripper, left, on_object, centring, found[held, 1])
     return found
 
 

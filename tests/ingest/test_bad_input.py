@@ -290,7 +290,7 @@ def test_bad_files(
         began = time.perf_counter()
         done, said = outcome(path)
         assert (case, done) == (case, expected), said
-        assert time.perf_counter() - began < 5, case
+        assert time.perf_counter() - began < 20, case
         if done == "refused":
             with pytest.raises(semmap.Error):
                 maps.import_file(path, map="bad")

@@ -30,7 +30,7 @@ INSERT DATA {
 @pytest.fixture(scope="session")
 def loft_map(make_database: MakeDatabase) -> Iterator[Map]:
     """Two rooms, furniture, people and statements."""
-    url = make_database().render_as_string(hide_password=False)
+    url = make_database(keep=True).render_as_string(hide_password=False)
     with semmap.connect(url) as db:
         other = db.create_map("other")
         other.add_room("studio", [(0, 0), (9, 0), (9, 9), (0, 9)], floor=0, ceiling=3)

@@ -218,7 +218,14 @@ def test_a_search_goes_on_when_a_place_disappears_at_which_it_looks(copy: Map) -
             place.append(seen.command.arguments[1])
             change(copy, REMOVE, name=place[0])
 
-    ended = run(copy, "found(Tablet_01_001)", start="kitchen", apply=True, on_event=on_event)
+    ended = run(
+        copy,
+        "found(Tablet_01_001)",
+        start="kitchen",
+        put=["Tablet_01_001 on NightStand_01_001"],  # the first look does not show it
+        apply=True,
+        on_event=on_event,
+    )
     looks = [step for step in ended.steps if step["action"] == "look"]
     assert len(looks) > 1
     assert all(place[0] not in step["arguments"] for step in looks[1:])
