@@ -146,20 +146,25 @@ class Arm:
 
     def _moves(self, position: Floats) -> Floats:
         """(D, 4, 4): the motion of each joint; turns are those of Rodrigues."""
-        slides, axes, cross = self._axes
-        turns, angles = ~slides, position[~slides, None, None]
-        moves = np.tile(np.eye(4), (len(position), 1, 1))
-        moves[slides, :3, 3] = axes[slides] * position[slides, None]
-        moves[turns, :3, :3] += np.sin(angles) * cross + (1 - np.cos(angles)) * (cross @ cross)
+        slides, shifts, cross, twice = self._axes
+        angles = np.where(slides, 0.0, position)[:, None, None]
+        moves = np.zeros((len(position), 4, 4))
+        moves[:, :3, 3] = shifts * position[:, None]
+        moves[:, :3, :3] = np.eye(3) + np.sin(angles) * cross + (1 - np.cos(angles)) * twice
+        moves[:, 3, 3] = 1
         return moves
 
     @cached_property
-    def _axes(self) -> tuple[NDArray[np.bool_], Floats, Floats]:
-        """Which joints slide, (D, 3) axes, and (T, 3, 3) cross products with those of turns."""
+    def _axes(self) -> tuple[NDArray[np.bool_], Floats, Floats, Floats]:
+        """Which joints slide, (D, 3) along what, and (D, 3, 3) cross products, once and twice.
+
+        Those are with the axes of turns.
+        """
         slides = np.array([joint.type == "prismatic" for joint in self.joints])
         axes = np.array([joint.axis for joint in self.joints], float)
-        units = axes[~slides] / np.linalg.norm(axes[~slides], axis=1, keepdims=True)
-        return slides, axes, np.cross(units[:, None], -np.eye(3))
+        units = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        cross = np.cross(units[:, None], -np.eye(3))
+        return slides, axes * slides[:, None], cross, cross @ cross
 
     def _link_poses(self, position: Floats) -> Floats:
         poses: Floats = self._frames(position)[self._carrier] @ self._attachment(None)[0]

@@ -28,7 +28,6 @@ from semmap.manipulation.motion import (
     free_strokes,
     is_free,
     plan_motion,
-    plan_strokes,
     straight_motions,
 )
 from semmap.manipulation.moving_part import MovingPart
@@ -43,7 +42,10 @@ AROUND = 1.5
 """Metres around an object whose contents are obstacles for an arm."""
 
 TRIES = 6
-"""Motions that are planned until one is found, at most."""
+"""Ends of motions to actions among which one is found, at most."""
+
+AT_ONCE = 4
+"""Of them, those for which there is time where a motion to any is looked for."""
 
 LIFT = 0.1
 """Metres by which an object is lifted before anything else."""
@@ -327,18 +329,32 @@ class _Planner(NamedTuple):
             after = self._back(stored[1][-1][-1], back(row), seconds)
             if after is not None:
                 return self._motion(row, *stored, after, reused=True)
-        planned = (
-            (row, found)
-            for row, ways in every
-            for found in plan_strokes(self.arm, self.start, ways, seconds=seconds)
-        )
-        for row, found in islice(planned, TRIES):
-            if found is None:
+        ends = [*islice(self._ends(every, back), TRIES)]
+        while ends:
+            alike = [end for end in ends if end.is_like(ends[0])]
+            goals = np.array([end.before for end in alike])
+            some = min(len(alike), AT_ONCE)
+            path = plan_motion(self.arm, self.start, goals, alike[0].stroke, some * seconds)
+            if path is None:
+                ends = [end for end in ends if end not in alike]
                 continue
-            after = self._back(found[-1][-1], back(row), seconds)
+            reached = alike[int(np.abs(goals - path[-1]).max(axis=1).argmin())]
+            found = [path, *reached.after]
+            after = self._back(found[-1][-1], back(reached.row), seconds)
             if after is not None:
-                return self._motion(row, self._keep(found[0]), found, after, reused=False)
+                return self._motion(reached.row, self._keep(path), found, after, reused=False)
+            ends.remove(reached)
         return None
+
+    def _ends(
+        self, every: Sequence[tuple[dict[str, Any], list[Stroke]]], back: _Strokes
+    ) -> Iterator[_End]:
+        """Where the ways to actions may end: what follows is free."""
+        for row, ways in every:
+            for before, after in free_strokes(self.arm, self.start, ways):
+                last = after[-1][-1] if after else before
+                if self.gets_off(last, back(row)) is not None:
+                    yield _End(row, ways[0], before, after)
 
     def gets_off(self, position: Floats, strokes: list[Stroke]) -> list[Floats] | None:
         """Positions along straight strokes, if the motion to the start could begin and end."""
@@ -404,6 +420,29 @@ class _Planner(NamedTuple):
             return None
         after = straight_motions(self.arm, way[-1], others)
         return None if after is None else (int(row[0]), [way, *after])
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """The position (D,) before the approach to an action, and the motions (N, D) after it."""
+
+    row: dict[str, Any]
+    stroke: Stroke
+    before: Floats
+    after: list[Floats]
+
+    def is_like(self, other: _End) -> bool:
+        """Whether a motion to either is free of the same obstacles with the same in the hand."""
+        (a, b), (held, item) = (self.stroke, other.stroke), (self.stroke.held, other.stroke.held)
+        if a.obstacles is not b.obstacles or a.fingers != b.fingers:
+            return False
+        if held is None or item is None:
+            return held is item
+        return (
+            held.body is item.body
+            and held.width == item.width
+            and np.allclose(held.pose, item.pose, atol=1e-6)
+        )
 
 
 class _LedPart(NamedTuple):

@@ -67,16 +67,18 @@ def plan_motion(
 ) -> Floats | None:
     """Positions (N, D) from start to goal (D,) that are free of collisions; None if not found.
 
+    Of several goals (G, D), to that which is found first: some are much easier to reach.
     RRT-Connect (Kuffner and LaValle) of OMPL for three quarters of the seconds of the processor,
     then KPIECE (Şucan and Kavraki), then shortcuts; each position has been checked, and a joint
-    moves by at most `STEP` between them. ManipulationError where start or goal touches something or
-    is beyond limits.
+    moves by at most `STEP` between them. ManipulationError where start or a goal touches something
+    or is beyond limits.
     """
+    goals = np.atleast_2d(goal)
 
     def free(position: Floats) -> bool:
         return is_free(arm, position, stroke)
 
-    for name, position in (("start", start), ("goal", goal)):
+    for name, position in (("start", start), *(("goal", each) for each in goals)):
         beyond = (position < arm.low - 1e-9) | (position > arm.high + 1e-9)
         if beyond.any():
             joint = arm.joints[int(np.argmax(beyond))].name
@@ -85,11 +87,12 @@ def plan_motion(
             raise ManipulationError(
                 f"{name} of the motion: the arm touches an obstacle or itself; choose another"
             )
-    steps = math.ceil(float(np.abs(goal - start).max()) / STEP)
-    direct = np.linspace(start, goal, max(steps, 1) + 1)
-    if all(free(p) for p in direct):
-        return direct
-    return _planned(arm, start, goal, free, seconds)
+    for each in goals:
+        steps = math.ceil(float(np.abs(each - start).max()) / STEP)
+        direct = np.linspace(start, each, max(steps, 1) + 1)
+        if all(free(p) for p in direct):
+            return direct
+    return _planned(arm, start, goals, free, seconds)
 
 
 def is_free(arm: Arm, position: Floats, stroke: Stroke) -> bool:
@@ -102,7 +105,7 @@ def is_free(arm: Arm, position: Floats, stroke: Stroke) -> bool:
     return arm.is_free(position, stroke.obstacles, fingers=fingers, held=item, led=led)
 
 
-def _planned(arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float) -> Floats | None:
+def _planned(arm: Arm, start: Floats, goals: Floats, is_free: Any, seconds: float) -> Floats | None:
     base, geometric, util = (library(f"ompl.{name}") for name in ("base", "geometric", "util"))
     util.setLogLevel(util.LOG_NONE)
     util.RNG.setSeed(1)
@@ -116,13 +119,13 @@ def _planned(arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float
     space.setLongestValidSegmentFraction(STEP / max(space.getMaximumExtent(), STEP))
     setup = geometric.SimpleSetup(space)
     setup.setStateValidityChecker(lambda state: is_free(np.array([state[i] for i in range(count)])))
-    ends = []
-    for position in (start, goal):
+    ends = base.GoalStates(setup.getSpaceInformation())
+    for add, position in ((setup.addStartState, start), *((ends.addState, each) for each in goals)):
         state = space.allocState()
         for i in range(count):
             state[i] = float(position[i])
-        ends.append(state)
-    setup.setStartAndGoalStates(*ends)
+        add(state)
+    setup.setGoal(ends)
     kpiece = geometric.KPIECE1(setup.getSpaceInformation())
     kpiece.setRange(RANGE)
     connect = geometric.RRTConnect(setup.getSpaceInformation())
@@ -189,12 +192,3 @@ def free_strokes(
             after = straight_motions(arm, before, others)
             if after is not None:
                 yield before, after
-
-
-def plan_strokes(
-    arm: Arm, start: Floats, strokes: Sequence[Stroke], *, seconds: float = 5.0
-) -> Iterator[list[Floats] | None]:
-    """The motions (N, D) of strokes to each posture where they are free; None if not found."""
-    for before, after in free_strokes(arm, start, strokes):
-        path = plan_motion(arm, start, before, strokes[0], seconds)
-        yield None if path is None else [path, *after]

@@ -14,7 +14,7 @@ from semmap.manipulation.arm import Arm
 from semmap.manipulation.candidates import grasp_candidates
 from semmap.manipulation.collision import Obstacles, convex_body, free_grasps
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.motion import STEP, Held, Stroke, plan_motion, plan_strokes
+from semmap.manipulation.motion import STEP, Held, Stroke, free_strokes, plan_motion
 from semmap.manipulation.solids import solid_of
 from tests.manipulation.grippers import Shape, gripper_by_hand, real_gripper, urdf
 
@@ -168,6 +168,22 @@ def test_a_motion_that_was_found_is_not_lost_on_the_way_out(width):
         assert all(map(point.is_free, path))
 
 
+def test_of_several_goals_one_is_reached_that_can_be():
+    """The wall has no gap: of several goals, that on this side of it is reached."""
+    point = Point(0.0, 5.0, 0.2)
+    start, beyond = np.array([-0.8, -0.8]), np.array([0.8, 0.1])
+    corner = np.array([-0.8, 0.9])
+    assert plan_motion(point, start, beyond, through(NOTHING), 0.3) is None
+    for goals in ([beyond, corner], [beyond, 0.9 * beyond, corner]):
+        path = plan_motion(point, start, np.array(goals), through(NOTHING), 2)
+        np.testing.assert_array_equal(path[[0, -1]], [start, corner])
+    bent = Point(0.0, -0.5, 0.2)
+    goals = np.array([[0.8, 0.8], [0.3, 0.1], [0.5, 0.9]])
+    path = plan_motion(bent, start, goals, through(NOTHING), 5)
+    assert (goals == path[-1]).all(axis=1).any()
+    assert all(map(bent.is_free, path))
+
+
 def test_a_can_on_the_kitchen_table_is_picked(kitchen):
     """The first grasp that is reachable and free, in the small house."""
     arm = panda()
@@ -183,20 +199,22 @@ def test_a_can_on_the_kitchen_table_is_picked(kitchen):
     item = solid_of(*shape[:2]).mesh().triangles + there[:3, 3]
     grasps = grasp_candidates(shape, arm.gripper)
     around = room.joined(item)
-    grasp, (to_pre_grasp, approach) = next(
-        (i, found)
-        for i in np.flatnonzero(free_grasps(grasps, there, room, item=Obstacles(item)))
-        for found in plan_strokes(
+    ends = [
+        (i, before, approach)
+        for i in np.flatnonzero(free_grasps(grasps, there, room, item=Obstacles(item)))[:12]
+        for before, (approach,) in free_strokes(
             arm,
             READY,
             [
                 Stroke(there @ grasps.pre_grasps[i], around),
                 Stroke(there @ grasps.poses[i], room),
             ],
-            seconds=20,
         )
-        if found is not None
-    )
+    ]
+    goals = np.array([before for _, before, _ in ends])
+    to_pre_grasp = plan_motion(arm, READY, goals, Stroke(np.eye(4), around), 20)
+    assert to_pre_grasp is not None
+    grasp, _, approach = ends[int(np.abs(goals - to_pre_grasp[-1]).max(axis=1).argmin())]
     np.testing.assert_allclose(arm.grasp_pose(approach[-1]), there @ grasps.poses[grasp], atol=5e-3)
     np.testing.assert_allclose(to_pre_grasp[-1], approach[0], atol=1e-9)
     assert all(arm.is_free(p, around) for p in to_pre_grasp)
