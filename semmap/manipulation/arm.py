@@ -41,6 +41,7 @@ FREEDOMS = 6
 
 
 _Attached = tuple[Floats, dict[int, ConvexBody]]
+"""What `Arm._attachment` returns."""
 
 
 class Arm:
@@ -91,9 +92,7 @@ class Arm:
         margins = gripper.margins
         self._links = tuple(link for link in robot.meshes if link not in margins)
         self._carrier = np.array([carrier[link] for link in self._links])
-        self._attached: dict[
-            tuple[tuple[str, float], ...], tuple[Floats, dict[int, ConvexBody]]
-        ] = {}
+        self._attached: dict[tuple[tuple[str, float], ...], _Attached] = {}
         self._bodies = [convex_body(robot.hull(link)) for link in self._links]
         self._moved = local()
 
@@ -170,9 +169,7 @@ class Arm:
         poses: Floats = self._frames(position)[self._carrier] @ self._attachment(None)[0]
         return poses
 
-    def _attachment(
-        self, fingers: Mapping[str, float] | None
-    ) -> tuple[Floats, dict[int, ConvexBody]]:
+    def _attachment(self, fingers: Mapping[str, float] | None) -> _Attached:
         """What each joint carries while the fingers, by default open, keep their positions.
 
         (L, 4, 4) poses of links in the frame of their joint, and by joint the hull of its links.

@@ -44,8 +44,8 @@ AROUND = 1.5
 TRIES = 6
 """Ends of motions to actions among which one is found, at most."""
 
-AT_ONCE = 4
-"""Of them, those for which there is time where a motion to any is looked for."""
+LONGEST = 4
+"""Times as long as for one end that a motion to any of several is looked for, at most."""
 
 LIFT = 0.1
 """Metres by which an object is lifted before anything else."""
@@ -133,11 +133,12 @@ def plan_action(
     state: Mapping[str, float] | None = None,
     seconds: float = 5.0,
 ) -> ArmMotion | None:
-    """A motion of a robot's arm to the first of these actions that it can do; else None.
+    """A motion of a robot's arm to one of these actions; None where none is found.
 
-    The rows are actions of one kind on one object, the best first. A stored path is followed
-    if nothing has moved into its way. Else a motion is planned, for `seconds` at most each, and its
-    path is stored. `state` are positions of joints at the start; the others are as the automaton
+    The rows are actions of one kind on one object, the best first. The first stored path is
+    followed into whose way nothing has moved. Else a motion is planned, for `LONGEST` times
+    `seconds` at most, to that of the first `TRIES` ends which is reached first, and its path is
+    stored. `state` are positions of joints at the start; the others are as the automaton
     carries. LookupError without the automaton; ManipulationError where the start touches something
     or the arm lacks a joint of `state`.
     """
@@ -320,7 +321,7 @@ class _Planner(NamedTuple):
     def first(
         self, rows: Sequence[dict[str, Any]], strokes: _Strokes, back: _Strokes, seconds: float
     ) -> ArmMotion | None:
-        """The motion to the first action for which a stored path, else a planned one, is free."""
+        """The motion by the first stored path that is free, else to the end that is found first."""
         every = [(row, strokes(row)) for row in rows]
         for row, ways in every:
             stored = self._stored(ways)
@@ -333,7 +334,7 @@ class _Planner(NamedTuple):
         while ends:
             alike = [end for end in ends if end.is_like(ends[0])]
             goals = np.array([end.before for end in alike])
-            some = min(len(alike), AT_ONCE)
+            some = min(len(alike), LONGEST)
             path = plan_motion(self.arm, self.start, goals, alike[0].stroke, some * seconds)
             if path is None:
                 ends = [end for end in ends if end not in alike]
