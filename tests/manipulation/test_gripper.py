@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 import trimesh
 
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.gripper_reader import find_grippers, read_gripper
+from semmap.manipulation.gripper_reader import find_grippers, kept_gripper, read_gripper
 from tests.manipulation.grippers import BY_HAND, JAW, gripper_by_hand, real_gripper, urdf
 
 
@@ -20,6 +22,19 @@ def test_a_gripper_by_hand(tmp_path):
     np.testing.assert_allclose(gripper.frame[:3, 2], [0, 0, 1], atol=1e-9)
     np.testing.assert_allclose(np.abs(gripper.frame[:3, 0]), [1, 0, 0], atol=1e-9)
     assert gripper.posture(0.04) == pytest.approx({"open_left": 0.02, "open_right": 0.02})
+
+
+def test_a_gripper_is_read_once_until_its_file_changes(tmp_path):
+    """Also by the palm that is stored of it, as a plan and its mission ask for it."""
+    path = tmp_path / "hand.urdf"
+    path.write_text(BY_HAND)
+    kept = kept_gripper(path)
+    assert kept_gripper(str(path)) is kept
+    assert kept_gripper(path, kept.palm) is kept
+    assert kept.opening == read_gripper(path).opening
+    path.write_text(BY_HAND + "<!-- later -->")
+    os.utime(path, (1, 1))
+    assert kept_gripper(path, kept.palm) is not kept
 
 
 @pytest.mark.parametrize(

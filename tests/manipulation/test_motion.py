@@ -133,6 +133,43 @@ def test_the_held_object_is_a_part_of_the_robot():
     assert arm.is_free(READY, NOTHING, held=(body, pose))
 
 
+def meet(one, other):
+    """Whether two convex hulls meet, by a linear program: a point of both."""
+    if (one.min(axis=0) > other.max(axis=0)).any() or (other.min(axis=0) > one.max(axis=0)).any():
+        return False
+    equal = np.concatenate([one.T, -other.T], axis=1)
+    sums = np.repeat(np.eye(2), [len(one), len(other)], axis=1)
+    cost = np.zeros(len(one) + len(other))
+    answer = linprog(cost, A_eq=np.concatenate([equal, sums]), b_eq=[0, 0, 0, 1, 1])
+    return answer.status == 0
+
+
+def test_what_is_held_and_the_hand_touch_the_links_that_linear_programs_say():
+    """At random, with a rod in the hand: those of the arm beside the hand, and its first links."""
+    arm, other = panda(), reference("panda")
+    rod = solid_of("cuboid", (0.03, 0.5, 0.03)).mesh().vertices
+    held, hand = (convex_body(rod), np.eye(4)), arm.gripper.links
+    first = [link for link in arm.robot.meshes if link[-1] in "012"]
+    assert len(first) == 3
+    answers = []
+    for position in np.random.default_rng(4).uniform(arm.low, arm.high, (300, len(arm.low))):
+        state = dict(zip((j.name for j in arm.joints), position.tolist(), strict=True))
+        other.update_cfg(state | arm.gripper.postures[0])
+        there = {name: other.get_transform(name) for name in arm.robot.meshes}
+        hulls = {n: arm.robot.hull(n) @ p[:3, :3].T + p[:3, 3] for n, p in there.items()}
+        grip = other.get_transform(arm.gripper.palm) @ arm.gripper.frame
+        item = rod @ grip[:3, :3].T + grip[:3, 3]
+        alone = arm.is_free(position, NOTHING)
+        if any(meet(hulls[a], hulls[b]) for a in first for b in hand if b in hulls):
+            assert not alone
+            answers.append("hand")
+        if alone:
+            hit = any(meet(points, item) for name, points in hulls.items() if name not in hand)
+            assert arm.is_free(position, NOTHING, held=held) == (not hit)
+            answers.append("held" if hit else "free")
+    assert min(map(answers.count, ("hand", "held", "free"))) > 1, answers
+
+
 def test_ends_that_touch_are_refused():
     arm = panda()
     grip = arm.grasp_pose(READY)[:3, 3]
@@ -156,6 +193,14 @@ class Point:
         return bool(abs(x - self.x) >= self.width / 2 or abs(y - self.gap) <= 0.06)
 
 
+class Pocket(Point):
+    """As its base, with a ring behind the wall that nothing enters."""
+
+    def is_free(self, position, *_, **__):
+        ring = 0.1 < np.hypot(position[0] - 0.7, position[1] + 0.1) < 0.3
+        return super().is_free(position) and not ring
+
+
 @pytest.mark.parametrize("width", [0.03, 0.045])
 def test_a_motion_that_was_found_is_not_lost_on_the_way_out(width):
     start, goal = np.array([-0.8, 0.1]), np.array([0.8, -0.1])
@@ -177,11 +222,11 @@ def test_of_several_goals_one_is_reached_that_can_be():
     for goals in ([beyond, corner], [beyond, 0.9 * beyond, corner]):
         path = plan_motion(point, start, np.array(goals), through(NOTHING), 2)
         np.testing.assert_array_equal(path[[0, -1]], [start, corner])
-    bent = Point(0.0, -0.5, 0.2)
-    goals = np.array([[0.8, 0.8], [0.3, 0.1], [0.5, 0.9]])
-    path = plan_motion(bent, start, goals, through(NOTHING), 5)
-    assert (goals == path[-1]).all(axis=1).any()
-    assert all(map(bent.is_free, path))
+    pocket = Pocket(0.0, -0.5, 0.2)
+    for goals in ([[0.7, -0.1], [0.8, 0.8]], [[0.8, 0.8], [0.7, -0.1]]):
+        path = plan_motion(pocket, start, np.array(goals), through(NOTHING), 5)
+        np.testing.assert_array_equal(path[[0, -1]], [start, [0.8, 0.8]])
+        assert all(map(pocket.is_free, path))
 
 
 def test_a_can_on_the_kitchen_table_is_picked(kitchen):
