@@ -7,12 +7,14 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
 
 from semmap.cli.chosen import CliOptions
+from semmap.cli.options import Json
 
 if TYPE_CHECKING:
     from sqlalchemy import URL, Engine
@@ -152,6 +154,33 @@ def drop(
             typer.confirm(f"Delete all maps in {where}?", abort=True)
         migrate.drop(engine)
     print("dropped")
+
+
+@db_command.command()
+def cluster(
+    folder: Path = Argument(help="A new folder for the files; its name is the cluster's."),
+    nodes: int = Option(3, min=3, max=9, help="How many servers have the data."),
+    port: int = Option(5432, min=1, max=65535, help="Port of the first server on this machine."),
+    subnet: str | None = Option(
+        None, help="Network of the servers, such as 10.20.30.0/24; by default a random one of 10."
+    ),
+    json_: Json = False,
+) -> None:
+    """Write a set-up with failover for Docker: servers with copies of the data, and a monitor."""
+    from semmap.cli.output import print_json
+    from semmap.database.failover import write_cluster
+
+    written = write_cluster(folder, nodes=nodes, port=port, subnet=subnet)
+    if json_:
+        print_json(written._asdict())
+        return
+    print(
+        f"{written.folder}: a monitor and {nodes} servers\n\n"
+        f"start    {written.start}\n"
+        f"use      export SEMMAP_DB='{written.url}'\n"
+        f"look     {written.state}\n"
+    )
+    print("\n".join(f"- {promise}" for promise in written.promises))
 
 
 @db_command.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})

@@ -1,4 +1,4 @@
-"""Where `schema/` and `migrations/` lie: at a checkout's root, or inside an installed wheel."""
+"""Where `schema/`, `migrations/` and `docker/` lie: at a checkout's root, or inside an installed wheel."""
 
 from __future__ import annotations
 
@@ -19,6 +19,11 @@ def schema_folder() -> Path:
 def migrations_folder() -> Path:
     """The folder of the Alembic environment (``env.py``, ``versions/``)."""
     return _folder("migrations", "env.py")
+
+
+def image_folder() -> Path:
+    """The folder from which the database's image is built (``Dockerfile``, ``entrypoint``)."""
+    return _folder("docker/postgis", "Dockerfile")
 
 
 def _folder(name: str, mark: str) -> Path:
