@@ -3,6 +3,7 @@
 # make test-docker         those that need a Docker engine
 # make soak                server and clients are killed 50 times, SEMMAP_KILLS=1000 for more; ten power cuts; a full
 #                          and a slow disk; a clock that jumps; readers and writers of fields for ten minutes; missions that are killed
+# make failover            100 failures of servers in Docker, under load; SEMMAP_ROUNDS=8 for fewer
 # make growth              100,000 moves of an object; SEMMAP_GROWTH_MOVES=864000 for a day of ten a second
 # make fuzz                damaged and random inputs for all readers, languages and native functions, four minutes;
 #                          SEMMAP_FUZZ_SECONDS=3600 make fuzz for an hour, SEMMAP_FUZZ_CASES=1000000 for so many
@@ -18,7 +19,7 @@
 OFFICE = examples/office
 WORLD ?= $(OFFICE)/office.sdf $(OFFICE)/office_rooms.geojson
 ROBOT ?= $(OFFICE)/delivery_robot.urdf --parts $(OFFICE)/delivery_robot_parts.yaml
-.PHONY: docs demo test test-docker soak growth fuzz fuzz-sanitized explore lint newest audit bench clean
+.PHONY: docs demo test test-docker soak failover growth fuzz fuzz-sanitized explore lint newest audit bench clean
 
 demo:
 	@scripts/setup viewer
@@ -39,6 +40,10 @@ soak:
 	@SEMMAP_SOAK=600 .venv/bin/python -m pytest -q tests/fields/sources/test_manager.py \
 		tests/planner/mission/test_kills.py tests/planner/mission/test_claims.py \
 		tests/model/test_isolation.py tests/schema/test_hostile_robot.py
+
+failover:
+	@scripts/setup test
+	@.venv/bin/python -m tests.failover
 
 growth:
 	@scripts/setup test

@@ -110,8 +110,8 @@ def _compose(nodes: int, port: int, network: IPv4Network) -> str:
     }
     hosts = "\n".join(f'    - "{name}.nodes:{ip}"' for name, ip in addresses.items())
     text = f"""\
-# A monitor and {nodes} servers with failover. Clients reach the servers from this machine only; the servers reach
-# each other in a network of their own.
+# A monitor and {nodes} servers with failover. Clients reach the servers from this machine only;
+# the servers reach each other in a network of their own.
 #   docker compose up -d --build --wait
 #   docker compose exec -u postgres monitor pg_autoctl show state
 #   docker compose exec -u postgres monitor pg_autoctl perform switchover

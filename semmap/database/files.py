@@ -1,4 +1,4 @@
-"""Where `schema/`, `migrations/` and `docker/` lie: at a checkout's root, or inside an installed wheel."""
+"""Where `schema/`, `migrations/` and `docker/` lie: at a checkout's root, or in a wheel."""
 
 from __future__ import annotations
 

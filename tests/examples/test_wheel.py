@@ -53,6 +53,13 @@ def test_it_has_the_pages_of_the_viewer_and_of_queries(wheel: Path) -> None:
     assert {f"semmap/server/viewer/{page}.html" for page in ("index", "query")} <= {*names}
 
 
+def test_it_has_the_source_of_the_image(wheel: Path) -> None:
+    """`semmap db cluster` copies it."""
+    in_wheel = "semmap/_data/docker/postgis/"
+    names = {name for name in ZipFile(wheel).namelist() if name.startswith(in_wheel)}
+    assert names == {f"{in_wheel}{file.name}" for file in (ROOT / "docker/postgis").iterdir()}
+
+
 @pytest.fixture(scope="session")
 def machine(docker: str, wheel: Path) -> Iterator[Callable[..., str]]:
     """Runs a command on a machine that had Python alone, and now has the wheel."""

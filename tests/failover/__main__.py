@@ -9,6 +9,7 @@ Needs Docker, and root for what cuts off a server or fills its disk.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 
 from tests.failover.cluster import running_cluster
@@ -21,7 +22,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--rounds", type=int, default=100, help="of all kinds together")
+    default = int(os.environ.get("SEMMAP_ROUNDS", "100"))
+    parser.add_argument("--rounds", type=int, default=default, help="of all kinds together")
     parser.add_argument("--only", action="append", choices=[*FAILURES], help="a kind")
     chosen = parser.parse_args()
     kinds = chosen.only or [*FAILURES]

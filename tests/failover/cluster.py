@@ -69,9 +69,7 @@ def loop_device(file: Path, megabytes: int = 1500) -> str:
 class FailoverCluster:
     """Servers and a monitor; its servers are named node1, node2, ..."""
 
-    def __init__(
-        self, folder: Path, nodes: int = 3, small_disks: tuple[str, ...] = ()
-    ) -> None:
+    def __init__(self, folder: Path, nodes: int = 3, small_disks: tuple[str, ...] = ()) -> None:
         self.written = write_cluster(folder, nodes=nodes, port=free_ports(nodes))
         self.url = self.written.url
         self.folder = folder
@@ -92,7 +90,7 @@ class FailoverCluster:
         if volumes:
             files.append("disks.yaml")
             (folder / "disks.yaml").write_text(yaml.safe_dump({"volumes": volumes}))
-        self._compose = compose_command(folder) + ["--project-directory", str(folder)]
+        self._compose = [*compose_command(folder), "--project-directory", str(folder)]
         for file in files:
             self._compose += ["-f", str(folder / file)]
 
@@ -144,8 +142,10 @@ class FailoverCluster:
         while time.monotonic() < deadline:
             with suppress(AssertionError):
                 states = self.states()
-            if wanted == sorted(now for now, _ in states.values()) == sorted(
-                goal for _, goal in states.values()
+            if (
+                wanted
+                == sorted(now for now, _ in states.values())
+                == sorted(goal for _, goal in states.values())
             ):
                 return
             time.sleep(0.3)
@@ -160,12 +160,15 @@ class FailoverCluster:
         run("docker", "start", self.container(name))
 
     def pause(self, name: str) -> None:
-        """Stop all processes of a container where they are."""
-        run("docker", "pause", self.container(name))
+        """Stop a server's processes where they are; connections stay open.
+
+        `docker pause` needs a control group that not each machine has.
+        """
+        self.execute(name, "bash", "-c", "kill -STOP -1")
 
     def resume(self, name: str) -> None:
-        """Let the processes of a container go on."""
-        run("docker", "unpause", self.container(name))
+        """Let a server's processes go on."""
+        self.execute(name, "bash", "-c", "kill -CONT -1")
 
     def fill(self, name: str) -> None:
         """Write a file until the disk of a server is full."""
@@ -196,9 +199,7 @@ def _fields(line: str) -> tuple[str, str, str]:
 
 
 @contextmanager
-def running_cluster(
-    nodes: int = 3, small_disks: tuple[str, ...] = ()
-) -> Iterator[FailoverCluster]:
+def running_cluster(nodes: int = 3, small_disks: tuple[str, ...] = ()) -> Iterator[FailoverCluster]:
     """A cluster in a new folder, removed at the end."""
     folder = Path(tempfile.mkdtemp(prefix="semmap-failover-", dir="/tmp"))
     cluster = FailoverCluster(folder, nodes, small_disks)

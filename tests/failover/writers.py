@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from itertools import pairwise
 from typing import Self
 from uuid import uuid4
 
@@ -53,7 +54,7 @@ class Writers:
     def longest_wait(self) -> float:
         """The longest time in seconds in which no write was acknowledged."""
         times = [self.begun, *sorted(at for at, _ in self.acknowledged)]
-        return max(after - before for before, after in zip(times, times[1:], strict=False))
+        return max(after - before for before, after in pairwise(times))
 
     def _write(self, writer: int) -> None:
         connection = None
