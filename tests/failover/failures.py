@@ -16,6 +16,12 @@ SHORT = 8
 """Seconds that a failure lasts which needs no new primary."""
 
 
+FOLLOWERS = """
+SELECT count(*) FROM pg_stat_replication
+WHERE pg_wal_lsn_diff(pg_current_wal_lsn(), flush_lsn) < 64 * 1024 * 1024
+"""
+
+
 def wait_for_writes(writers: Writers, seconds: float = 90) -> None:
     """Wait until writes have been acknowledged for a second."""
     begun = time.monotonic()
@@ -84,6 +90,12 @@ def fill_standby(cluster: FailoverCluster, writers: Writers) -> None:
     """A standby's disk is full for a while."""
     standby = next(name for name in cluster.standbys() if name in cluster.small)
     cluster.fill(standby)
+    with psycopg.connect(cluster.url, autocommit=True) as connection:
+        deadline = time.monotonic() + 60
+        while connection.execute(FOLLOWERS).fetchone() != (len(cluster.nodes) - 2,):
+            assert time.monotonic() < deadline, f"{standby} follows with a full disk"
+            connection.execute("SELECT pg_switch_wal()")  # the standby needs one more file
+            time.sleep(0.5)
     time.sleep(SHORT)
     cluster.make_room(standby)
 

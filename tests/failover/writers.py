@@ -22,6 +22,10 @@ UPDATE total SET ids = ids + (SELECT count(*) FROM first) WHERE writer = %(write
 """To repeat it has no effect: a writer repeats what was not acknowledged."""
 
 
+PAUSE = 0.01
+"""Seconds between two writes of a writer, so that writers do not take the servers' processors."""
+
+
 class Writers:
     """Threads that write until the end of the block, each on the server that takes writes."""
 
@@ -66,6 +70,7 @@ class Writers:
                         connection = psycopg.connect(self.url, connect_timeout=2)
                     if commits(connection, row):
                         self.acknowledged.append((time.monotonic(), row["id"]))
+                        time.sleep(PAUSE)
                     else:
                         self.notices += 1
                     break
