@@ -94,6 +94,11 @@ class FailoverCluster:
         for file in files:
             self._compose += ["-f", str(folder / file)]
 
+    def url_of(self, name: str) -> str:
+        """The URL of one server."""
+        hosts = self.url.split("@")[1].split("/")[0]
+        return self.url.replace(hosts, hosts.split(",")[self.nodes.index(name)])
+
     def compose(self, *arguments: str) -> str:
         """Run `docker compose` with the files."""
         return run(*self._compose, *arguments)

@@ -58,13 +58,10 @@ def isolate_primary(cluster: FailoverCluster, writers: Writers) -> None:
 
 def _cancel_a_commit(cluster: FailoverCluster, isolated: str, writers: Writers) -> None:
     """Cancel a commit that waits on the isolated side: it must not count as acknowledged."""
-    place = cluster.nodes.index(isolated)
-    hosts = cluster.url.split("@")[1].split("/")[0].split(",")
-    url = cluster.url.replace(",".join(hosts), hosts[place])
     time.sleep(1)
     row = {"id": f"cancelled-{uuid4()}", "writer": 99}
     try:
-        with psycopg.connect(url, connect_timeout=2) as connection:
+        with psycopg.connect(cluster.url_of(isolated), connect_timeout=2) as connection:
             threading.Timer(0.5, connection.cancel).start()
             assert not commits(connection, row), "a commit was acknowledged on the isolated side"
             writers.notices += 1

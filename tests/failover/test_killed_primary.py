@@ -38,6 +38,6 @@ def test_a_killed_primary_loses_no_acknowledged_write() -> None:
         assert (played.lost, played.double) == (0, 0)
         assert cluster.primary() != first
         assert first in cluster.standbys()
-        engine = open_engine(cluster.url)
+        engine = open_engine(cluster.url_of(cluster.primary()))
         assert revisions.installed_on(engine) == revisions.newest()
         engine.dispose()
