@@ -239,7 +239,8 @@ def _pairs(surface: SampledSurface, opening: float, friction: float) -> tuple[Fl
         others = np.array(surface.tree.query_ball_point(points[i], opening))
         line = points[others] - points[i]
         apart = np.linalg.norm(line, axis=1)
-        far = apart > SPACING / 2
+        seen = np.abs(line @ normals[i]) > 0.999 * cone * apart  # most are not, and cost time below
+        far = np.flatnonzero(seen & (apart > SPACING / 2))
         others, line, apart = others[far], line[far] / apart[far, None], apart[far]
         facing = np.abs(line @ normals[i])
         held = (facing > cone) & (np.abs(np.einsum("ni,ni->n", line, normals[others])) > cone)
@@ -338,7 +339,8 @@ def _contacts(
     found = np.zeros((len(targets), 3))
     half, fine = gripper.opening / 2, surface.cells
     pads = [(-1, 0.0), *((1, float(y)) for y in gripper.spread)]
-    reach = np.hypot(half, max(abs(y) for _, y in pads) + PAD / 2)
+    beside = max(abs(y) for _, y in pads) + PAD / 2
+    reach, room = np.hypot(half, beside), np.array((half, beside, PAD / 2))
     shares, held = np.zeros((len(targets), 3)), np.zeros(len(targets), bool)
     last = np.full(3, np.nan)
     points = normals = np.empty((0, 3))
@@ -347,11 +349,11 @@ def _contacts(
             some = np.array(surface.tree.query_ball_point(target, reach), np.intp)
             last, points, normals = target, surface.points[some] - target, surface.normals[some]
         at = points @ rotation
-        facing = np.abs(normals @ rotation[:, 0])
+        between = np.flatnonzero((np.abs(at) <= room).all(axis=1))
+        at, facing = at[between], np.abs(normals[between] @ rotation[:, 0])
         ends, angles, covers = {-1: [], 1: []}, [], []  # type: dict[int, list[float]], list[float], list[float]
         for side, y in pads:
-            across = np.hypot(at[:, 1] - y, at[:, 2])
-            met = (across <= PAD / 2) & (np.abs(at[:, 0]) <= half)
+            met = np.hypot(at[:, 1] - y, at[:, 2]) <= PAD / 2
             if not met.any():
                 covers.append(0.0)
                 continue
@@ -363,8 +365,8 @@ def _contacts(
             total = pressed.sum()
             angles.append(float(np.arccos(min(1, pressed @ facing[layer] / total))) if total else 9)
             cells = np.floor((at[layer, 1:] - [y, 0]) / PAD * fine + fine / 2).astype(int)
-            seen = len(np.unique(cells[:, 0] * 2 * (fine + 1) + cells[:, 1]))
-            covers.append(seen / max(1, np.pi / 4 * fine**2))
+            seen = np.bincount(cells[:, 0] * 2 * (fine + 1) + cells[:, 1])
+            covers.append(np.count_nonzero(seen) / max(1, np.pi / 4 * fine**2))
         if not (ends[-1] and ends[1]):
             continue
         left, right = max(ends[-1]), max(ends[1])
