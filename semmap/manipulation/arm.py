@@ -23,6 +23,7 @@ from semmap.manipulation.collision import (
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library, mujoco_pose
 from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.joint_steps import joint_step, limits_of
 from semmap.robot.urdf import Joint
 
 POSITION, ROTATION = 5e-4, 5e-3
@@ -295,10 +296,7 @@ class Arm:
                 if np.linalg.norm(error[:3]) < POSITION and np.linalg.norm(error[3:]) < ROTATION:
                     found: Floats = np.clip(configuration.q, self.low, self.high)
                     return found
-                velocity = mink.solve_ik(
-                    configuration, [task], 1.0, solver="daqp", damping=1e-4, limits=limits
-                )
-                configuration.integrate_inplace(velocity, 1.0)
+                configuration.integrate_inplace(joint_step(configuration, [task], limits), 1.0)
         return None
 
     def is_free(
@@ -388,12 +386,11 @@ class Arm:
         apart: NDArray[np.intp] = pairs[(often < 0.7) & ~at_rest]
         return apart
 
-    def _configuration(self) -> tuple[Any, list[Any]]:
+    def _configuration(self) -> tuple[Any, tuple[Floats, Floats]]:
         """The arm as mink moves it, one for each thread, and its limits."""
         if not hasattr(self._moved, "configuration"):
-            mink = library("mink")
-            self._moved.configuration = mink.Configuration(self._model)
-            self._moved.limits = [mink.ConfigurationLimit(self._model)]
+            self._moved.configuration = library("mink").Configuration(self._model)
+            self._moved.limits = limits_of(self._model)
         return self._moved.configuration, self._moved.limits
 
     @cached_property

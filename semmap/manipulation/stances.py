@@ -18,6 +18,7 @@ from semmap.arrays import Floats
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.extra import library, mujoco_pose
+from semmap.manipulation.joint_steps import joint_step, limits_of
 
 STARTS = 16
 """Random positions of the arm from which stances along a way are found."""
@@ -77,7 +78,7 @@ class Stances:
         """Bases (4, 4) from which the arm gets to all goals, in the frame of these."""
         mink = library("mink")
         model = self._models.setdefault(len(goals), self._model(len(goals)))
-        configuration, limits = mink.Configuration(model), [mink.ConfigurationLimit(model)]
+        configuration, limits = mink.Configuration(model), limits_of(model)
         tasks = []
         for number, goal in enumerate(goals):
             name = f"grasp {number}" if number else "grasp"
@@ -104,8 +105,7 @@ class Stances:
         return np.array([x, y, yaw])
 
     @staticmethod
-    def _converges(configuration: Any, tasks: list[Any], limits: list[Any]) -> bool:
-        mink = library("mink")
+    def _converges(configuration: Any, tasks: list[Any], limits: tuple[Floats, Floats]) -> bool:
         best, stuck = np.inf, 0
         for _ in range(ITERATIONS):
             errors = np.array([task.compute_error(configuration) for task in tasks])
@@ -118,10 +118,7 @@ class Stances:
             best = min(best, size)
             if stuck > 5:
                 return False
-            velocity = mink.solve_ik(
-                configuration, tasks, 1.0, solver="daqp", damping=1e-4, limits=limits
-            )
-            configuration.integrate_inplace(velocity, 1.0)
+            configuration.integrate_inplace(joint_step(configuration, tasks, limits), 1.0)
         return False
 
     def _model(self, copies: int) -> Any:
