@@ -61,7 +61,7 @@ fuzz-sanitized:
 
 explore:
 	@scripts/setup test
-	@HYPOTHESIS_PROFILE=explore .venv/bin/python -m pytest -q -m hypothesis
+	@HYPOTHESIS_PROFILE=explore .venv/bin/python -m pytest -q -m "hypothesis or explore"
 
 lint:
 	@scripts/setup test lint

@@ -2,8 +2,8 @@
 
 ``SEMMAP_TEST_DB`` names another server to test on (its user must be allowed to make databases),
 ``SEMMAP_WORLDS`` the folder of real worlds. ``HYPOTHESIS_PROFILE=explore`` looks for examples that
-no run has had; by default each run has the same, so that a change fails by what it changes, and
-half as many.
+no run has had, and has more cases (`tests/effort.py`); by default each run has the same, so that a
+change fails by what it changes, and half as many.
 """
 
 from __future__ import annotations

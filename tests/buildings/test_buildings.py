@@ -14,8 +14,9 @@ from tests.buildings.clouds import scanned
 from tests.buildings.judges import JUDGES, Judge, judge_routes, judge_steps, stored
 from tests.buildings.missions import judge_missions
 from tests.conftest import MakeDatabase
+from tests.effort import effort
 
-SEEDS = range(2)
+SEEDS = range(effort(1, 4))
 
 WITHOUT_WALLS = [98705, 98709, 98713]
 WITH_CABINS = [112, 8168]
@@ -39,6 +40,7 @@ def known(
         yield building, place
 
 
+@pytest.mark.explore
 @pytest.mark.parametrize("judge", JUDGES, ids=lambda judge: judge.__name__)
 def test_the_map_agrees_with(judge: Judge, known: tuple[Building, semmap.Map]) -> None:
     asked, wrong = judge(*known)

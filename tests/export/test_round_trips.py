@@ -19,6 +19,7 @@ from tests.buildings.building import random_building
 from tests.buildings.clouds import scanned
 from tests.buildings.judges import stored
 from tests.conftest import Import, MakeDatabase
+from tests.effort import effort
 from tests.export.comparison import Picture, differences
 from tests.worlds.conftest import CLINIC, HOTEL, HOUSE, ROOMS
 from tests.worlds.test_duplex import DUPLEX
@@ -35,7 +36,9 @@ def come_back(place: semmap.Map, path: Path, **options: Any) -> semmap.Map:
 
 
 @settings(
-    max_examples=1, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=effort(1, 10),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(seed=st.integers(0, 10_000))
 def test_random_buildings(seed: int, make_database: MakeDatabase, tmp_path_factory) -> None:
@@ -257,7 +260,10 @@ def test_storeys_and_rooms_that_were_found(db: semmap.Database, tmp_path: Path) 
         assert differences(picture, again) == []
 
 
-@pytest.fixture(scope="module", params=["house", "hotel", "clinic", "duplex"])
+@pytest.fixture(
+    scope="module",
+    params=effort(["house", "hotel", "duplex"], ["house", "hotel", "clinic", "duplex"]),
+)
 def world(
     request: pytest.FixtureRequest, imported: Import, worlds: Path
 ) -> Iterator[tuple[semmap.Map, Picture]]:
@@ -275,6 +281,7 @@ def world(
         yield db.map(name), Picture.of(db.map(name))
 
 
+@pytest.mark.explore
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_real_worlds(world: tuple[semmap.Map, Picture], ending: str, tmp_path: Path) -> None:
     place, picture = world

@@ -20,6 +20,7 @@ from semmap.fields.queries.expressions import ELEMENTWISE, OF_TEXT
 from semmap.knowledge.queries import query as query_sql
 from semmap.knowledge.sparql.expressions import SHARED
 from semmap.language.schema import SPARQL_FUNCTIONS
+from tests.effort import effort
 from tests.fields.queries.arrays import Arrays
 
 UNBOUND = "UNDEF"
@@ -207,7 +208,7 @@ def test_each_function(loft: psycopg.Connection, name: str) -> None:
         assert ours(loft, text, given) == found, text
 
 
-@settings(phases=[Phase.generate])
+@settings(phases=[Phase.generate], max_examples=effort(15, 100))
 @given(st.one_of(numbers(2), texts(2), conditions(2)), rows(UNBOUND))
 def test_expressions(
     loft: psycopg.Connection, expression: str, given: list[dict[str, str]]
@@ -216,7 +217,7 @@ def test_expressions(
     assert ours(loft, expression, given) == found
 
 
-@settings(phases=[Phase.generate])
+@settings(phases=[Phase.generate], max_examples=effort(15, 100))
 @given(doubles(3), rows())
 def test_arithmetic(loft: psycopg.Connection, expression: str, given: list[dict[str, str]]) -> None:
     # oxigraph has INF for a division by 0, which is an error here and for rdflib
@@ -372,7 +373,7 @@ def test_lists_of_no_expressions(loft: psycopg.Connection, text: str) -> None:
 AGGREGATES = ("COUNT", "SUM", "AVG", "MIN", "MAX")
 
 
-@settings(phases=[Phase.generate])
+@settings(phases=[Phase.generate], max_examples=effort(15, 100))
 @given(
     st.sampled_from(AGGREGATES), st.booleans(), numbers(1), rows(UNBOUND), st.sampled_from("abpxy")
 )

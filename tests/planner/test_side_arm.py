@@ -27,6 +27,7 @@ from semmap.manipulation.candidates import grasp_candidates
 from semmap.manipulation.gripper_reader import read_gripper
 from semmap.manipulation.stances import Stances
 from tests.command_line import semmap as command
+from tests.effort import effort
 from tests.manipulation.grippers import Shape
 from tests.robot.robots import installed_file
 
@@ -229,6 +230,8 @@ def test_it_fetches_a_cup_with_the_table_beside_it(
     assert holder == target
 
 
+@pytest.mark.explore
+@pytest.mark.parametrize("hall", effort(["right", "ahead"], [*HALLS]), indirect=True)
 def test_what_is_out_of_its_reach_is_said_with_the_side(here: semmap.Map, hall: Hall) -> None:
     here.add_object("Tafel", type="table", size=(2.6, 1.9, 0.7), pose=(3.2, 2.2, 0, 0))
     here.add_object("Henkel", type="cup", mesh=cup(), pose=(3.2, 2.2, 0.7))
@@ -266,6 +269,7 @@ def test_from_its_stances_an_arm_gets_along_the_grasps_of_a_cup(urdf: Path) -> N
             assert not all(chain.reaches(np.linalg.inv(aside) @ each) for each in ways[number])
 
 
+@pytest.mark.parametrize("hall", ["se3"], indirect=True)
 def test_a_plan_says_that_an_arm_without_a_known_gripper_is_not_judged(here: semmap.Map) -> None:
     here.database.add_robot("bare", installed_file("hello-robot-stretch-urdf", NO_TOOL))
     tables = [e.name for e in here.objects if e.is_a("table")]

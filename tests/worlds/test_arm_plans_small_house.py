@@ -24,6 +24,7 @@ from planner.tasks import NoPlanError
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm import Arm
 from tests.command_line import semmap as command
+from tests.effort import effort
 from tests.manipulation.grippers import real_gripper, urdf
 from tests.worlds.test_arms_small_house import FOLDED, Kitchen, near, rows
 
@@ -163,11 +164,12 @@ def test_what_the_arm_cannot_take_is_refused(
     assert "the arm of tiago" in ended.reason
 
 
-@pytest.mark.parametrize("target", ["Wardrobe_01_001", "Refrigerator_01_001"])
+@pytest.mark.explore
+@pytest.mark.parametrize("target", ["Refrigerator_01_001", *effort([], ["Wardrobe_01_001"])])
 def test_nothing_is_put_where_the_gripper_does_not_get(
     house_map: semmap.Map, chain: Chain, target: str
 ) -> None:
-    """The tops are 2.14 and 1.96 m high; a robot class says 2.5 m of itself."""
+    """The tops are 1.96 and 2.14 m high; a robot class says 2.5 m of itself."""
     goal, start = f"on(edge, {target})", {"start": "kitchen", "robot": "tiago"}
     assert unasked(house_map, goal).actions
     reason = f"{target} is out of reach: the arm of tiago gets over no part of {target}"

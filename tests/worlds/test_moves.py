@@ -22,6 +22,7 @@ from semmap.model import Entity, Placement
 from tests.command_line import semmap as semmap_command
 from tests.conftest import Import
 from tests.consistency import HOLDERS, POSES
+from tests.effort import effort
 from tests.worlds.conftest import HOUSE, ROOMS, store_slim_robot
 
 WORLDS = {
@@ -39,7 +40,8 @@ def faults(world: semmap.Map) -> list[str]:
     return [str(found) for found in world.check() if found.kind in INVENTORY]
 
 
-@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.explore
+@pytest.mark.parametrize("name", effort(["small_house", "hotel"], [*WORLDS]))
 def test_inventory_follows_random_moves(name: str, worlds: Path, database: str) -> None:
     dice = random.Random(4)
     with semmap.connect(database) as db:
@@ -49,7 +51,7 @@ def test_inventory_follows_random_moves(name: str, worlds: Path, database: str) 
         objects = [e for e in world.find("object") if e.pose is not None]
         places = [p for e in [*objects, *world.find("room")] if (p := e.pose) is not None]
         before = {e: e.holder for e in objects}
-        for _ in range(60):
+        for _ in range(effort(25, 300)):
             moved, near = dice.choice(objects), dice.choice(places)
             moved.move_to(
                 near.x, near.y, near.z + dice.choice((0, 0.4, 0.75, 3)), dice.uniform(-3, 3)

@@ -13,6 +13,7 @@ from semmap.fields.relations.tracker import RelationTracker
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from tests.buildings.rooms import disagreements, said_rooms
 from tests.conftest import Import
+from tests.effort import effort
 from tests.worlds.conftest import CLINIC, HOTEL, HOUSE, ROOMS
 
 FILES: dict[str, list[str | Path]] = {
@@ -23,7 +24,7 @@ FILES: dict[str, list[str | Path]] = {
 }
 
 
-@pytest.fixture(scope="module", params=FILES)
+@pytest.fixture(scope="module", params=effort(["duplex", "house", "hotel"], [*FILES]))
 def world(
     request: pytest.FixtureRequest, imported: Import, worlds: Path
 ) -> Iterator[tuple[Engine, semmap.Map]]:
@@ -36,6 +37,7 @@ def world(
         yield engine, db.map(name)
 
 
+@pytest.mark.explore
 def test_all_ways_say_one_room(world: tuple[Engine, semmap.Map]) -> None:
     said = said_rooms(world[1])
     assert disagreements(said) == []
