@@ -25,7 +25,7 @@ FREE = 1e30
 
 
 def limits_of(model: Any) -> tuple[Floats, Floats]:
-    """(D,) the lowest and highest positions of the joints of a model of MuJoCo, each of one axis."""
+    """(D,) the lowest and highest positions of joints, each of one axis, of a model of MuJoCo."""
     limited = np.asarray(model.jnt_limited, bool)
     low, high = np.asarray(model.jnt_range, np.float64).T
     return np.where(limited, low, -FREE), np.where(limited, high, FREE)

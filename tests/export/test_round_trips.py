@@ -1,8 +1,7 @@
-"""Exports of random buildings and of real worlds come back as the same map."""
+"""Exports of random buildings and of maps with something odd come back as the same map."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -18,11 +17,9 @@ import semmap
 from tests.buildings.building import random_building
 from tests.buildings.clouds import scanned
 from tests.buildings.judges import stored
-from tests.conftest import Import, MakeDatabase
+from tests.conftest import MakeDatabase
 from tests.effort import effort
 from tests.export.comparison import Picture, differences
-from tests.worlds.conftest import CLINIC, HOTEL, HOUSE, ROOMS
-from tests.worlds.test_duplex import DUPLEX
 
 ENDINGS = [".gpkg", ".geojson", ".sdf", ".gml"]
 
@@ -258,32 +255,3 @@ def test_storeys_and_rooms_that_were_found(db: semmap.Database, tmp_path: Path) 
     for ending in ENDINGS:
         again = come_back(place, tmp_path / f"again{ending}")
         assert differences(picture, again) == []
-
-
-@pytest.fixture(
-    scope="module",
-    params=effort(["house", "hotel", "duplex"], ["house", "hotel", "clinic", "duplex"]),
-)
-def world(
-    request: pytest.FixtureRequest, imported: Import, worlds: Path
-) -> Iterator[tuple[semmap.Map, Picture]]:
-    name = request.param
-    files: list[Any] = {
-        "house": [HOUSE, ROOMS],
-        "hotel": [HOTEL],
-        "clinic": [CLINIC],
-        "duplex": [DUPLEX],
-    }[name]
-    with (
-        imported(*((worlds / file, name) for file in files)) as engine,
-        semmap.connect(engine.url.render_as_string(hide_password=False)) as db,
-    ):
-        yield db.map(name), Picture.of(db.map(name))
-
-
-@pytest.mark.explore
-@pytest.mark.parametrize("ending", ENDINGS)
-def test_real_worlds(world: tuple[semmap.Map, Picture], ending: str, tmp_path: Path) -> None:
-    place, picture = world
-    again = come_back(place, tmp_path / f"{place.name}{ending}")
-    assert differences(picture, again) == []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -56,5 +55,6 @@ def test_a_kept_case_ends_well(worker: Worker, case: Case) -> None:
     ],
     ids=lambda kind: kind.name,
 )
-def test_a_valid_input_of_each_kind_is_accepted(kind: Kind, tmp_path: Path) -> None:
-    kind.run(kind.seeds[0], tmp_path)
+def test_a_valid_input_of_each_kind_is_accepted(worker: Worker, kind: Kind) -> None:
+    result = worker.run({"kind": kind.name, "data": encoded(kind.seeds[0])})
+    assert result.outcome == "accepted", f"{result.outcome}: {result.text}"

@@ -187,6 +187,8 @@ def test_it_fetches_a_cup_with_the_table_beside_it(
     goal: Any = (f"on(Tässchen, {target})",)
     options: Any = {"start": "Saal", "robot": "stretch"}
     plan = here.plan(*goal, **options)
+    stored = [row["name"] for row in here.database.list_grippers()]
+    assert not any("stretch" in name for name in stored)  # a plan stores nothing
     assumed = [each for each in plan.reasons if "states no limits of the finger joints" in each]
     assert len(assumed) == (hall.file == SE3)
     bases = {action: base_of(plan, action) for action in ("pickup", "place")}

@@ -156,7 +156,7 @@ def test_what_the_arm_cannot_take_is_refused(
     bases = RoutePlanner.of_map(house_map, "tiago").approach("middle")
     assert bases
     point = np.array(SPOTS["middle"]) + np.array([0.0, 0.0, 0.05])
-    for base in bases:
+    for base in bases[:: max(1, len(bases) // 3)]:
         there = base.inverse().apply(point[None])[0]
         assert chain.distance(there) > HALF
     ended = house_map.run(goal, **start, speed=1e5, try_grasps=False)
