@@ -3,7 +3,7 @@
 ``SEMMAP_TEST_DB`` names another server to test on (its user must be allowed to make databases),
 ``SEMMAP_WORLDS`` the folder of real worlds. ``HYPOTHESIS_PROFILE=explore`` looks for examples that
 no run has had, and has more cases (`tests/effort.py`); by default each run has the same, so that a
-change fails by what it changes, and half as many.
+change fails by what it changes, and a third as many.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from semmap.ingest.importer import import_file
 from tests.cluster_folder import cluster_folder, remove_abandoned
 from tests.consistency import contradictions
 
-hypothesis.settings.register_profile("same", derandomize=True, deadline=None, max_examples=50)
+hypothesis.settings.register_profile("same", derandomize=True, deadline=None, max_examples=30)
 hypothesis.settings.register_profile("explore", deadline=None)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 

@@ -19,6 +19,7 @@ from semmap import Database, Map
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from tests.conftest import MakeDatabase
+from tests.effort import effort
 from tests.manipulation.cabinets import Cabinet
 from tests.manipulation.grippers import SUCTION, real_gripper, urdf
 
@@ -65,7 +66,8 @@ def move(house: Map, name: str, pose: NDArray[np.float64]) -> None:
     house[name].move_to(*pose[:3, 3].tolist(), yaw=math.atan2(pose[1, 0], pose[0, 0]))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.explore
+@pytest.mark.parametrize("seed", effort([1, 2], range(8)))
 def test_the_gripper_takes_the_handle_and_keeps_to_it(
     imported: Imported, tmp_path: Path, seed: int
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,12 @@ from tests.manipulation.hollow_things import boxes, cup, mug, plate, turned
 def grasps_of(mesh: trimesh.Trimesh, gripper: Gripper, **options: float) -> Grasps:
     surface = surface_of(mesh, solid_hull(np.asarray(mesh.vertices))[1])
     return surface_grasps(surface, gripper, mesh.triangles, **options)
+
+
+@cache
+def grasps_of_mug(name: str) -> Grasps:
+    """By a real gripper of a name; each takes seconds."""
+    return grasps_of(mug(), real_gripper(name))
 
 
 def pads_of(gripper: Gripper, grasps: Grasps) -> np.ndarray:
@@ -70,7 +77,7 @@ def cones(mesh: trimesh.Trimesh, gripper: Gripper, grasps: Grasps) -> np.ndarray
 def test_a_mug_is_held_by_its_rim_and_its_handle(name: str) -> None:
     gripper, mesh = real_gripper(name), mug()
     assert not len(grasp_candidates(mesh_primitive(mesh), real_gripper("panda")))
-    grasps = grasps_of(mesh, gripper)
+    grasps = grasps_of_mug(name)
     pads = pads_of(gripper, grasps)
     by_rim = (grasps.widths < 0.008) & (np.hypot(pads[:, 0], pads[:, 1]) < 0.05)
     by_handle = (grasps.widths < 0.015) & (pads[:, 0] > 0.06)
@@ -90,7 +97,7 @@ def test_a_plate_is_held_by_its_edge() -> None:
 @pytest.mark.parametrize("name", ["panda", "stretch_se3"])
 def test_rays_meet_the_surface_within_the_friction_cones_at_the_stated_width(name: str) -> None:
     gripper, mesh = real_gripper(name), mug()
-    grasps = grasps_of(mesh, gripper)
+    grasps = grasps_of_mug(name)
     at = ends(mesh, gripper, grasps)
     whole = np.isfinite(at).all(axis=(1, 2))
     assert whole.mean() > 0.7  # the middle of a pad may be beside an edge
@@ -183,8 +190,7 @@ def test_one_jaw_holds_a_cup_by_its_rim(tmp_path: Path) -> None:
 
 
 def test_half_a_turn_of_a_symmetric_gripper_is_no_other_grasp() -> None:
-    gripper = real_gripper("panda")
-    grasps = grasps_of(mug(), gripper)
+    grasps = grasps_of_mug("panda")
     closing, approach = grasps.poses[:, :3, 0], grasps.poses[:, :3, 2]
     same = (
         (np.abs(grasps.poses[:, None, :3, 3] - grasps.poses[None, :, :3, 3]).max(axis=2) < 1e-3)
@@ -234,7 +240,7 @@ def test_a_mug_is_lifted_by_its_rim(name: str) -> None:
     body = body_of(
         Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)), mass=0.2, friction=0.6
     )
-    grasps = grasps_of(mesh, gripper)
+    grasps = grasps_of_mug(name)
     down = grasps[np.flatnonzero((grasps.poses[:, 2, 2] < -0.9) & (grasps.widths < 0.008))]
     standing = np.eye(4)
     standing[2, 3] = 5e-4
