@@ -504,7 +504,7 @@ def test_a_run_on_the_command_line_changes_a_map_only_if_it_shall(
         )
         for name, wanted in runs.items()
     ]
-    printed = [process.communicate(timeout=120)[0] for process in processes]
+    printed = [process.communicate(timeout=600)[0] for process in processes]
     assert [process.returncode for process in processes] == [0, 0], printed
     assert "house is unchanged (--apply changes it)" in printed[0]
     assert state_of(engine, "house") == before
