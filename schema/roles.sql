@@ -145,7 +145,7 @@ END $$;
 GRANT USAGE ON ALL SEQUENCES IN SCHEMA semmap TO semmap_robot, semmap_admin;
 -- Tables that triggers maintain are written by triggers only.
 REVOKE INSERT, UPDATE, DELETE ON world, section, object_type, type_closure, entity_chunk, change, change_pruned,
-    entity_history, placement_history, belief, entity_object, kept_relation, kept_pair FROM semmap_admin;
+    entity_history, placement_history, belief, entity_object, kept_relation, kept_pair, written FROM semmap_admin;
 
 -- Functions that can write are executed by those who need them alone. A trigger function that everybody may
 -- execute could be attached to a user's own table.
@@ -159,12 +159,14 @@ BEGIN
             ('copy_map', ARRAY['semmap_admin']), ('drop_map', ARRAY['semmap_admin']), ('drop_unused_models', ARRAY['semmap_admin']),
             ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
             ('prune_observations', ARRAY['semmap_admin']), ('prune_terms', ARRAY['semmap_admin']),
+            ('prune_written', ARRAY['semmap_admin']),
             ('term_ids', ARRAY['semmap_robot', 'semmap_admin']),
             ('derive_again', ARRAY['semmap_admin']), ('follow_change', ARRAY['semmap_admin']), ('recognise_parts', ARRAY['semmap_admin']),
             ('put_door', ARRAY['semmap_admin']), ('turn_to', ARRAY['semmap_admin']), ('fit_shape', ARRAY['semmap_admin']),
             ('settle', ARRAY['semmap_reader', 'semmap_robot', 'semmap_admin']),
             -- It writes what everybody may compute, of its own arguments nothing.
             ('keep_relation', ARRAY['semmap_reader', 'semmap_robot', 'semmap_admin']),
+            ('note_write', ARRAY['semmap_robot', 'semmap_admin']), ('was_written', ARRAY['semmap_robot', 'semmap_admin']),
             ('undo_teaching', ARRAY['semmap_admin']),
             ('refresh_belief', ARRAY['semmap_robot', 'semmap_admin']), ('refresh_beliefs', ARRAY['semmap_robot', 'semmap_admin']),
             ('end_idle_robots', ARRAY['semmap_robot', 'semmap_admin']), ('robot_wastes_turn', ARRAY['semmap_robot', 'semmap_admin']),

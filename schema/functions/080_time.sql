@@ -112,6 +112,31 @@ CREATE TRIGGER change_deleted AFTER DELETE ON change REFERENCING OLD TABLE AS fo
 CREATE TRIGGER change_truncated AFTER TRUNCATE ON change
     FOR EACH STATEMENT EXECUTE FUNCTION change_deleted();
 
+CREATE FUNCTION note_write(write_key uuid)
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Stores the key of this transaction, by which `was_written` tells whether it was committed.
+BEGIN
+    INSERT INTO semmap.written (key, done) VALUES (write_key, true);
+END $$;
+
+CREATE FUNCTION was_written(write_key uuid)
+RETURNS boolean LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Whether the transaction that noted a key was committed. One that is being committed is waited for, and one that was not
+-- cannot be any more: its key is taken. The answer holds once this transaction is committed: the message lets that wait
+-- for the standbys as the write did.
+BEGIN
+    INSERT INTO semmap.written (key, done) VALUES (write_key, false) ON CONFLICT DO NOTHING;
+    PERFORM pg_logical_emit_message(true, 'semmap', '');
+    RETURN (SELECT w.done FROM semmap.written w WHERE w.key = write_key);
+END $$;
+
+CREATE FUNCTION prune_written()
+RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+BEGIN ATOMIC
+-- Deletes the keys of transactions of some time ago: a client asks within a minute.
+DELETE FROM semmap.written WHERE at < now() - interval '15 minutes';
+END;
+
 CREATE FUNCTION apply_retention()
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Prunes a bounded number of rows, in one transaction at a time.
@@ -122,6 +147,7 @@ BEGIN
         RETURN;
     END IF;
     PERFORM set_config('semmap.dropping', '', true), set_config('semmap.believing', '', true);  -- of a robot
+    PERFORM semmap.prune_written();
     PERFORM semmap.prune_changes(5000);
     PERFORM semmap.prune_observations(1000);
     IF (SELECT t.reltuples > 1000 + 2 * s.reltuples FROM pg_class t, pg_class s

@@ -189,7 +189,7 @@ def door(
             f"{name} is {detail['width']:g} m wide, but its line is {length:.2f} m long from post "
             "to post: correct one of them"
         )
-    fault = map.execute(
+    fault = map._rows(
         "SELECT door_fault(%s, %s, ST_MakeLine(ST_MakePoint(%s, %s), ST_MakePoint(%s, %s)), %s)",
         *(detail["type"], detail["width"], *ends.ravel().tolist(), [room.id for room in rooms]),
     )[0][0]
@@ -212,7 +212,7 @@ def _floor(map: Map, room: MapEntity) -> float:
     statement = (
         "SELECT w.pose[3] + r.floor FROM world w JOIN room r USING (entity_id) WHERE entity_id = %s"
     )
-    found = map.execute(statement, room.id)
+    found = map._rows(statement, room.id)
     return float(found[0][0]) if found else 0.0
 
 
@@ -298,10 +298,10 @@ def add_found_lifts(map: Map, found: FoundRooms) -> None:
         for name in lift.cabins:
             cabin = map.rooms[name]
             cabin.type = "elevator_cabin"
-            map.execute(
+            map._write(
                 "UPDATE room SET elevator_id = %s WHERE entity_id = %s", elevator.id, cabin.id
             )
-            map.execute(
+            map._write(
                 "UPDATE connector SET form = 'elevator_door', behaviour = 'call_elevator' "
                 "WHERE %s IN (place_a, place_b)",
                 cabin.id,
@@ -312,7 +312,7 @@ def _nearer(map: Map, room: MapEntity, ends: Any, normal: Any) -> int:
     """1 if the room is on the side to which `normal` points, -1 if on the other, 0 if on both."""
     middle = ends.mean(axis=0)
     ahead, behind = middle + SIDE * normal, middle - SIDE * normal
-    row = map.execute(
+    row = map._rows(
         "SELECT ST_Distance(footprint, ST_MakePoint(%s, %s)), "
         "ST_Distance(footprint, ST_MakePoint(%s, %s)) FROM world WHERE entity_id = %s",
         *behind.tolist(),
@@ -331,8 +331,8 @@ def spot(
     """A free point on the highest surface of a holder, or on its floor; as `Map.spot`."""
     rows = []
     if relation == "on" or holder.kind == "object":
-        rows = map.execute(_BOARDS, relation == "on", size[2], holder.id)
-    rows = rows or map.execute(
+        rows = map._rows(_BOARDS, relation == "on", size[2], holder.id)
+    rows = rows or map._rows(
         "SELECT ST_AsBinary(w.footprint), CASE WHEN %s = 'on' THEN ST_ZMax(w.box) "
         "ELSE coalesce(w.pose[3] + r.floor, ST_ZMin(w.box)) END "
         "FROM world w LEFT JOIN room r ON r.entity_id = w.entity_id "
@@ -367,7 +367,7 @@ ORDER BY s.height DESC, ST_Area(s.outline) DESC
 
 def _check_inside(map: Map, holder: MapEntity, point: tuple[float, float, float]) -> None:
     """Refuse the inside of what is solid: an object that is no storage furniture or container."""
-    solid = map.execute(
+    solid = map._rows(
         "SELECT 1 FROM entity e WHERE id = %s AND kind = 'object' AND NOT EXISTS (SELECT "
         "FROM type_closure WHERE sub = e.type AND super IN ('storage_furniture', 'container')) "
         "AND shape_distance(id, %s, %s, %s) = 0",
@@ -409,7 +409,7 @@ def _free_point(
     low, top = z + SPOT / 4, z + max(size[2], SPOT)
     middle = surface.point_on_surface()
     x0, y0, x1, y1 = surface.union(middle.buffer(max(half_x, half_y))).bounds
-    rows = map.execute(
+    rows = map._rows(
         _IN_THE_WAY, moved, holder, x0, y0, x1, y1, top, low, z - low + z, surface.wkb, holder
     )
     taken = united(shapely.from_wkb(bytes(row[0])) for row in rows)
@@ -463,14 +463,14 @@ def add_entry(
         x, y = (x, y) - (low + high)[:2] / 2
         entry.pose = Pose(float(x), float(y), float(z - low[2]))
     with map.transaction():
-        map_id = map.execute("SELECT current_map()")[0][0]
+        map_id = map._rows("SELECT current_map()")[0][0]
         session = map.connection
         store_world(session, map_id, World(map.name, Path(), [entry]))
         made = map[entry.name]
         find_surfaces(session, map_id, made.id)
         if entry.kind in ("object", "agent", "room", "region") and entry.pose is not None:
             if holder is not None:
-                map.execute("SELECT put(%s, %s, %s)", made.id, holder.id, relation)
+                map._write("SELECT put(%s, %s, %s)", made.id, holder.id, relation)
             elif entry.kind in ("room", "region"):
                 _into_storey(map, made, storey)
     return made
@@ -481,7 +481,7 @@ def check_object_type(
 ) -> None:
     """Refuse a type of entities of another kind for an object."""
     kinds = "SELECT k FROM unnest(%s::text[]) k WHERE %s = ANY (subtypes(k))"
-    for (kind,) in map.execute(kinds, list(others), type):
+    for (kind,) in map._rows(kinds, list(others), type):
         raise ValueError(f"{name} is an object, and {type} a type of the kind {kind}")
 
 
@@ -490,7 +490,7 @@ def _into_storey(map: Map, made: MapEntity, storey: str | None) -> None:
 
     ValueError if its floor is below or above the storey that is named.
     """
-    rows = map.execute(
+    rows = map._rows(
         "SELECT s.entity_id, w.pose[3], ST_ZMin(r.box) FROM storey s "
         "JOIN world w ON w.entity_id = s.entity_id JOIN world r ON r.entity_id = %s "
         "WHERE w.map_id = r.map_id ORDER BY w.pose[3]",
@@ -510,12 +510,12 @@ def _into_storey(map: Map, made: MapEntity, storey: str | None) -> None:
                     "give its floor in the map's frame, or leave out the storey"
                 )
     if below:
-        map.execute("SELECT put(%s, %s)", made.id, below[-1])
+        map._write("SELECT put(%s, %s)", made.id, below[-1])
 
 
 def hold_rooms(map: Map, storey: MapEntity, elevation: float) -> None:
     """Let a storey hold the rooms and regions on its floor that nothing holds."""
-    rows = map.execute(
+    rows = map._rows(
         "SELECT e.id FROM entity e JOIN placement p ON p.entity_id = e.id "
         "JOIN world w ON w.entity_id = e.id WHERE e.map_id = current_map() "
         "AND e.kind IN ('room', 'region') AND p.holder_id IS NULL "
@@ -524,4 +524,4 @@ def hold_rooms(map: Map, storey: MapEntity, elevation: float) -> None:
         STEP,
     )
     for (room,) in rows:
-        map.execute("SELECT put(%s, %s)", room, storey.id)
+        map._write("SELECT put(%s, %s)", room, storey.id)

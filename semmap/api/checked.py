@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 import psycopg
 
+from semmap.database.sure_connection import through_losses
 from semmap.error import Error, InvalidArgumentError, UnknownNameError
 from semmap.query.refusal import refused
 from semmap.syntax_tree import parse_expression
@@ -259,7 +260,7 @@ def checked(function: Checked) -> Checked:
                 named = zip(positional, args, strict=False)
                 args = (*(taken(n, forms, v) for n, v in named), *args[len(positional) :])
                 kwargs = {name: taken(name, forms, value) for name, value in kwargs.items()}
-            return function(*args, **kwargs)
+            return through_losses(function, *args, **kwargs)
         except Exception as error:
             told = _for_users(error)
             if told is None:

@@ -17,8 +17,9 @@ from semmap.api.map import Map
 from semmap.api.map_questions import MapQuestions, sql_rows
 from semmap.database.configuration import READER
 from semmap.database.maps import pick_map
-from semmap.database.session import is_idle, open_session
+from semmap.database.session import is_idle, open_session, reopen_session
 from semmap.database.shared_engine import shared_engine
+from semmap.database.sure_connection import SureConnection
 from semmap.query import entity_query
 
 if TYPE_CHECKING:
@@ -87,13 +88,16 @@ def _is_new_cluster(url: str | Cluster | None) -> bool:
 class Database(DatabaseManipulation, DatabaseInterlinking):
     """The maps of a database; for one thread at a time. `connect` opens it.
 
-    `session` is a psycopg connection in autocommit mode, its search path on the schema.
+    `session` is a psycopg connection in autocommit mode, its search path on the schema. One that
+    the server left is opened again.
     """
 
     def __init__(self, url: str | Cluster | None = None, *, migrate: bool = False) -> None:
-        self.session: psycopg.Connection[Any] = open_session(url, migrate=migrate)
+        self._session = open_session(url, migrate=migrate)
         self._url = url
         self._maps: dict[str, Map] = {}
+        self._reading: psycopg.Connection[Any] | None = None
+        self._is_closed = False
 
     def __enter__(self) -> Self:
         """Return this; the end of the ``with`` block closes it."""
@@ -106,16 +110,24 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
         """Close the sessions, and the pool of `engine`."""
         for opened in self._maps.values():
             opened.close()
-        for session in (vars(self).get("_reader"), self.session):
+        self._is_closed = True
+        for session in (self._reading, self._session):
             if session is not None:
                 session.close()
         for name in ("reading_engine", "engine"):
             if name in vars(self):
                 getattr(self, name).dispose()
 
+    @property
+    def session(self) -> SureConnection:
+        """A psycopg connection with autocommit, its search path on the schema."""
+        if self._session.closed and not self._is_closed:
+            self._session = reopen_session(self._session.conninfo)
+        return self._session
+
     def is_usable(self) -> bool:
         """Whether its sessions are between transactions, and the server has not left them."""
-        own = (self.session, vars(self).get("_reader", self.session))
+        own = (self._session, self._reading or self._session)
         of_maps = (session for each in self._maps.values() for session in each._sessions)
         return all(map(is_idle, (*own, *of_maps)))
 
@@ -192,7 +204,8 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
     def drop_map(self, name: str) -> int:
         """Delete a map with all its entities; returns how many there were."""
         self._maps.pop(self.map(name).name).close()
-        row = self.session.execute("SELECT drop_map(%s)", (name,)).fetchone()
+        with self.session.transaction():
+            row = self.session.execute("SELECT drop_map(%s)", (name,)).fetchone()
         assert row is not None
         return int(row[0])
 
@@ -214,11 +227,13 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
             return self.map().sql(statement, *values, write=write)
         return sql_rows(self.session if write else self._reader, statement, values, write=write)
 
-    @cached_property
+    @property
     def _reader(self) -> psycopg.Connection[Any]:
         from semmap.database.reading_login import reading_session
 
-        return reading_session(self.session) or self.session
+        if self._reading is None or self._reading.closed:
+            self._reading = reading_session(self.session)
+        return self._reading or self.session
 
     def use(self, name: str) -> None:
         """Choose the map that later sessions of this user see where they name none."""

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    import psycopg
-
     from semmap.api.map import Map
+    from semmap.database.sure_connection import SureConnection
     from semmap.interlinking.interlink import Interlinking, PairQuestion
     from semmap.interlinking.records import Records
 
@@ -39,7 +38,10 @@ def link_records(
 class DatabaseInterlinking:
     """The part of `Database` that links data sets."""
 
-    session: psycopg.Connection[Any]
+    @property
+    def session(self) -> SureConnection:
+        """A psycopg connection with autocommit, its search path on the schema."""
+        raise NotImplementedError
 
     def interlink(
         self,

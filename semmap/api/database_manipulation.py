@@ -7,16 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    import psycopg
     from numpy.typing import ArrayLike
 
+    from semmap.database.sure_connection import SureConnection
     from semmap.manipulation.found_actions import FoundActions
 
 
 class DatabaseManipulation:
     """The part of `Database` about manipulation."""
 
-    session: psycopg.Connection[Any]
+    @property
+    def session(self) -> SureConnection:
+        """A psycopg connection with autocommit, its search path on the schema."""
+        raise NotImplementedError
 
     def grasps_of_shape(
         self,

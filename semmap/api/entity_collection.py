@@ -57,7 +57,7 @@ class EntityCollection(Generic[Kind]):
         return self._execute("id, kind, name", condition, *values)
 
     def _execute(self, columns: str, condition: str = "", *values: Any) -> list[tuple[Any, ...]]:
-        return self._map.execute(
+        return self._map._rows(
             f"SELECT {columns} FROM entity WHERE map_id = current_map() AND kind = %s {condition}",
             self._kind,
             *values,

@@ -209,7 +209,7 @@ class Map(
             kinds = ("room", "storey", "elevator", "connector")
             check_object_type(self, "what was detected", seen.type, kinds)
 
-        agents = {row[0] for row in self.execute("SELECT unnest(subtypes('agent'))")}
+        agents = {row[0] for row in self._rows("SELECT unnest(subtypes('agent'))")}
 
         def add(name: str, detected: Detection, point: tuple[float, float, float]) -> None:
             if snake_case(detected.type) in agents:  # the sighting places it on the floor

@@ -187,7 +187,7 @@ class MapDrawing(MapTasks):
         from semmap.query.entity_shapes import read_shapes
 
         rows = read_shapes(self._seen)
-        lowest = self.execute(_LOWEST)
+        lowest = self._rows(_LOWEST)
         storey = lowest[0][0] if lowest else None
         shown = [row for row in rows if row["storey"] in (storey, None)]
         title = self.name if storey is None else f"{self.name}, {storey}"
@@ -195,7 +195,7 @@ class MapDrawing(MapTasks):
 
     def _repr_html_(self) -> str:
         """The name of the map, how many entities it has, and its floor plan."""
-        rows = self.execute(
+        rows = self._rows(
             "SELECT kind, count(*) FROM entity WHERE map_id = current_map() "
             "GROUP BY kind ORDER BY count(*) DESC, kind"
         )

@@ -372,7 +372,7 @@ class MapDriving(MapQuestions):
 
     def _check_regions(self, at: datetime | None) -> None:
         """Refuse a moment at which other regions hold than now."""
-        changed = self.execute(_CHANGED_REGIONS, aware(at)) if at is not None else []
+        changed = self._rows(_CHANGED_REGIONS, aware(at)) if at is not None else []
         if changed:
             names = ", ".join(name for (name,) in changed)
             raise ValueError(

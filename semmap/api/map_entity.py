@@ -104,7 +104,7 @@ class MapEntity:
     @property
     def relation(self) -> str | None:
         """How its holder holds it: ``in`` or ``on``; None where the map itself holds it."""
-        rows = self.map.execute(
+        rows = self.map._rows(
             "SELECT relation FROM placement WHERE entity_id = %s AND holder_id IS NOT NULL", self.id
         )
         return rows[0][0] if rows else None
@@ -128,7 +128,7 @@ class MapEntity:
     @property
     def contents(self) -> list[MapEntity]:
         """The entities on or in it, by name; not those that they hold in their turn."""
-        rows = self.map.execute(
+        rows = self.map._rows(
             "SELECT e.id, e.kind, e.name FROM placement p JOIN entity e ON e.id = p.entity_id "
             "WHERE p.holder_id = %s ORDER BY e.name",
             self.id,
@@ -140,7 +140,7 @@ class MapEntity:
         """The pose in the map's frame (metres, quaternion); None without a placement."""
         from semmap.geometry.pose import Pose
 
-        row = self.map.execute("SELECT pose FROM world WHERE entity_id = %s", self.id)
+        row = self.map._rows("SELECT pose FROM world WHERE entity_id = %s", self.id)
         return Pose(*row[0][0]) if row else None
 
     # --- its shape, in the map's frame, metres
@@ -211,7 +211,7 @@ class MapEntity:
 
     def is_a(self, type: str) -> bool:
         """Whether it is of a semantic type or of one of its subtypes."""
-        row = self.map.execute(
+        row = self.map._rows(
             "SELECT EXISTS (SELECT FROM object WHERE id = %s AND type = %s)", self.id, type
         )
         return bool(row[0][0])
@@ -248,7 +248,7 @@ class MapEntity:
             raise ValueError(f"{self.name} is moved to finite numbers, not {x}, {y}, {z}, {yaw}")
         if self.pose is None:
             raise ValueError(f"{self.name} has no placement, so it cannot be moved")
-        self.map.execute("SELECT move_to(%s, %s, %s, %s, %s)", self.id, x, y, z, yaw)
+        self.map._write("SELECT move_to(%s, %s, %s, %s, %s)", self.id, x, y, z, yaw)
 
     def put_on(self, holder: str | MapEntity) -> None:
         """Put it on an object, where it is free near the middle; its orientation is kept.
@@ -263,7 +263,7 @@ class MapEntity:
 
     def delete(self) -> None:
         """Take it out of the map. The entities that it held stay where they are."""
-        self.map.execute("DELETE FROM entity WHERE id = %s", self.id)
+        self.map._write("DELETE FROM entity WHERE id = %s", self.id)
 
     def _put(self, holder: str | MapEntity, relation: str) -> None:
         above = self.map[holder] if isinstance(holder, str) else holder
@@ -273,7 +273,7 @@ class MapEntity:
             )
         if self.kind in FIXED:
             raise ValueError(f"{self.name} is a {self.kind}, which is not put {relation} anything")
-        box = self.map.execute(
+        box = self.map._rows(
             "SELECT ST_XMin(box) - pose[1], ST_YMin(box) - pose[2], ST_ZMin(box) - pose[3], "
             "ST_XMax(box) - pose[1], ST_YMax(box) - pose[2], ST_ZMax(box) - pose[3] "
             "FROM world WHERE entity_id = %s",
@@ -288,14 +288,14 @@ class MapEntity:
         x0, y0, low, x1, y1, high = box[0]
         with self.map.transaction():
             # Others move the holder before or after this, but not between the choice and the put.
-            self.map.execute(_LOCK_HOLDERS, above.id, self.id)
+            self.map._write(_LOCK_HOLDERS, above.id, self.id)
             x, y, z = self.map.spot(above, relation, (x1 - x0, y1 - y0, high - low), self.id)
             x, y = x - (x0 + x1) / 2, y - (y0 + y1) / 2
-            self.map.execute("SELECT move_to(%s, %s, %s, %s)", self.id, x, y, z - low)
-            self.map.execute("SELECT put(%s, %s, %s)", self.id, above.id, relation)
+            self.map._write("SELECT move_to(%s, %s, %s, %s)", self.id, x, y, z - low)
+            self.map._write("SELECT put(%s, %s, %s)", self.id, above.id, relation)
 
     def _value(self, column: str) -> Any:
-        rows = self.map.execute(f"SELECT name, {column} FROM entity WHERE id = %s", self.id)
+        rows = self.map._rows(f"SELECT name, {column} FROM entity WHERE id = %s", self.id)
         if not rows:
             raise self._gone()
         self._name, value = rows[0]
@@ -303,7 +303,7 @@ class MapEntity:
 
     def _set(self, column: str, value: Any) -> None:
         statement = f"UPDATE entity SET {column} = %s WHERE id = %s RETURNING 1"
-        if not self.map.execute(statement, value, self.id):
+        if not self.map._write(statement, value, self.id):
             raise RightsError(f"your role may not change the {self.kind} {self.name}")
 
     def _gone(self) -> LookupError:
@@ -311,7 +311,7 @@ class MapEntity:
 
     def _other(self, statement: str) -> MapEntity | None:
         """The entity of a statement's first row (id, kind, name); its value is this one's id."""
-        rows = self.map.execute(statement, self.id)
+        rows = self.map._rows(statement, self.id)
         return self.map.entity(*rows[0]) if rows else None
 
     def __eq__(self, other: object) -> bool:
@@ -369,7 +369,7 @@ class Door(MapEntity):
     def state(self, state: str) -> None:
         if state not in STATES:
             raise ValueError(f'{self.name}: state "{state}" is not one of {", ".join(STATES)}')
-        self.map.execute("UPDATE connector SET state = %s WHERE entity_id = %s", state, self.id)
+        self.map._write("UPDATE connector SET state = %s WHERE entity_id = %s", state, self.id)
 
     @property
     def form(self) -> str:
@@ -384,7 +384,7 @@ class Door(MapEntity):
     @property
     def places(self) -> tuple[MapEntity, MapEntity | None]:
         """The two places that it joins; None is the outside."""
-        rows = self.map.execute(
+        rows = self.map._rows(
             "SELECT e.id, e.kind, e.name FROM connector c "
             "CROSS JOIN LATERAL (VALUES (1, c.place_a), (2, c.place_b)) s (side, place) "
             "LEFT JOIN entity e ON e.id = s.place WHERE c.entity_id = %s ORDER BY s.side",
@@ -397,7 +397,7 @@ class Door(MapEntity):
         return first, second
 
     def _joins(self, column: str) -> Any:
-        rows = self.map.execute(f"SELECT {column} FROM connector WHERE entity_id = %s", self.id)
+        rows = self.map._rows(f"SELECT {column} FROM connector WHERE entity_id = %s", self.id)
         if not rows:
             raise self._gone()
         return rows[0][0]

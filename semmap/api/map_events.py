@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import psycopg
 
 from semmap.api.map_questions import MapQuestions
-from semmap.database.session import conninfo_of, reopen_session
+from semmap.database.session import reopen_session
 from semmap.query.entity_query import check_cursor
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ class MapEvents(MapQuestions):
             `since` is not a cursor.
         """
         check_cursor(since)
-        return MapSubscription(conninfo_of(self.database.session), self.name, callback, since)
+        return MapSubscription(self.database.session.conninfo, self.name, callback, since)
 
 
 def _follow(

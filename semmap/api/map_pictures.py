@@ -23,7 +23,7 @@ def room_svg(map: MapQuestions, entity: int) -> str:
     """The plan of the room of an entity, with the entity marked; empty without outlines."""
     from semmap.query.entity_shapes import read_shapes
 
-    rows = map.execute(_IN_ROOM, entity)
+    rows = map._rows(_IN_ROOM, entity)
     shapes = read_shapes(map._seen, [row[0] for row in rows])
     if not any(shape["geometry"] is not None for shape in shapes):
         return ""

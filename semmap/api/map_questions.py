@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import datetime
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 import psycopg
@@ -14,8 +13,15 @@ from psycopg.pq import TransactionStatus
 
 from semmap.api.checked import EntityName, forms_of, taken
 from semmap.api.map_entity import Door, MapEntity
+from semmap.database.error import DatabaseError
 from semmap.database.maps import see_map
-from semmap.database.session import twin_session
+from semmap.database.session import reopen_session
+from semmap.database.sure_connection import (
+    HAPPENED,
+    NotWrittenError,
+    SureConnection,
+    UnsettledError,
+)
 from semmap.error import InvalidArgumentError
 from semmap.query import entity_query
 from semmap.query.entity_query import Near
@@ -41,10 +47,11 @@ class MapQuestions:
 
     def __init__(self, database: Database, name: str) -> None:
         self.database, self.name = database, name
+        self._begun: SureConnection | None = None  # whose transaction is open
 
     def __getitem__(self, name: EntityName) -> MapEntity:
         """The entity of a name; LookupError names those that come near it."""
-        rows = self.execute(
+        rows = self._rows(
             "SELECT id, kind, name FROM entity WHERE map_id = current_map() AND name = %s", name
         )
         if not rows:
@@ -59,7 +66,7 @@ class MapQuestions:
 
     def _has(self, column: str, value: Any) -> bool:
         known = f"SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map() AND {column} = %s)"
-        return bool(self.execute(known, value)[0][0])
+        return bool(self._rows(known, value)[0][0])
 
     def __iter__(self) -> Iterator[MapEntity]:
         """Each entity, by name."""
@@ -67,7 +74,7 @@ class MapQuestions:
 
     def __len__(self) -> int:
         """How many entities there are."""
-        return int(self.execute("SELECT count(*) FROM entity WHERE map_id = current_map()")[0][0])
+        return int(self._rows("SELECT count(*) FROM entity WHERE map_id = current_map()")[0][0])
 
     def __repr__(self) -> str:
         return f"<map {self.name}>"
@@ -173,7 +180,7 @@ class MapQuestions:
         safe = [finding.fix for finding in findings if finding.safe]
         with self.transaction():
             for statement in safe:
-                self.execute(statement)
+                self._write(statement)
         return len(safe)
 
     def entity(self, id: int, kind: str, name: str) -> MapEntity:
@@ -188,20 +195,39 @@ class MapQuestions:
 
         It may write: without ``WHERE map_id = current_map()``, it changes all maps; `sql` has the
         views of this map alone. Outside of transactions, a statement that PostgreSQL ends because
-        of a deadlock or a lock that is not free in time is tried five times.
+        of a deadlock or a lock that is not free in time is tried five times. If the connection is
+        lost, nobody knows whether such a statement was done; of a `transaction`, semmap finds out.
 
         Raises
         ------
         ValueError
             The statement is wrong, or breaks a rule of the map; it changed nothing.
         """
+        try:
+            return self._rows(statement, *values)
+        except psycopg.OperationalError:
+            HAPPENED.commits += not HAPPENED.open  # perhaps: so it is not done again
+            raise
+
+    def _write(self, statement: str, *values: Any) -> list[tuple[Any, ...]]:
+        """As `execute`, in a transaction."""
+        return self._rows(statement, *values, around=self.transaction)
+
+    def _rows(
+        self,
+        statement: str,
+        *values: Any,
+        around: Callable[[], AbstractContextManager[Any]] = nullcontext,
+    ) -> list[tuple[Any, ...]]:
+        """As `execute`, of a statement that reads."""
         session = self.connection
         attempts = ATTEMPTS if session.info.transaction_status == TransactionStatus.IDLE else 1
         while True:
             attempts -= 1
             try:
-                cursor = session.execute(statement, values or None)
-                return cursor.fetchall() if cursor.description else []
+                with around():
+                    cursor = session.execute(statement, values or None)
+                    return cursor.fetchall() if cursor.description else []
             except (
                 errors.DeadlockDetected,
                 errors.SerializationFailure,
@@ -255,19 +281,21 @@ class MapQuestions:
         On the embedded database, its login can only read. Within a transaction of `connection`, it
         is that connection.
         """
-        opened = vars(self).get("connection")
+        opened: SureConnection | None = vars(self).get("_writer")
         begun = opened and opened.info.transaction_status != TransactionStatus.IDLE
-        yield self.connection if begun else self._reader
+        yield opened if opened and begun else self._reader()
 
-    @cached_property
     def _reader(self) -> psycopg.Connection[Any]:
         from semmap.database.reading_login import reading_session
 
-        self.database._release_idle(self)
-        session = reading_session(self.database.session)
-        if session is None:
-            return self.connection
-        see_map(session, self.name, lasting=True)
+        session: psycopg.Connection[Any] | None = vars(self).get("_reading")
+        if session is None or session.closed:
+            self.database._release_idle(self)
+            session = reading_session(self.database.session)
+            if session is None:
+                return self.connection
+            see_map(session, self.name, lasting=True)
+            vars(self)["_reading"] = session
         return session
 
     def check_type(self, type: str, remedy: str = "semmap types lists them") -> None:
@@ -275,15 +303,33 @@ class MapQuestions:
 
         LookupError names the types that come near it, and the `remedy`.
         """
-        if not self.execute("SELECT 1 FROM semantic_type WHERE name = %s", type):
-            names = [row[0] for row in self.execute("SELECT name FROM semantic_type")]
+        if not self._rows("SELECT 1 FROM semantic_type WHERE name = %s", type):
+            names = [row[0] for row in self._rows("SELECT name FROM semantic_type")]
             hint = suggestion(type, names, "semmap types lists them")
             remedy = "" if remedy in hint else f"; {remedy}"
             raise LookupError(f"the map has no type {type}{hint}{remedy}")
 
-    def transaction(self) -> AbstractContextManager[Any]:
-        """A transaction: all statements in the ``with`` block, or none."""
-        return self.connection.transaction()
+    @contextmanager
+    def transaction(self) -> Iterator[Any]:
+        """A transaction: all statements in the ``with`` block, or none.
+
+        Where the connection breaks during the commit, it asks the server whether it was done.
+
+        Raises
+        ------
+        DatabaseError
+            The connection was lost, and nothing was written; or no server could be asked for a
+            minute. A method of semmap that wrote nothing yet is tried again, unless a transaction
+            is open.
+        """
+        begun, self._begun = self._begun, self._begun or self.connection
+        try:
+            with self._begun.transaction() as made:
+                yield made
+        except (NotWrittenError, UnsettledError) as error:
+            raise DatabaseError(str(error)) from error
+        finally:
+            self._begun = begun
 
     def session(self) -> Session:
         """A SQLAlchemy session, for a ``with`` block; tables have all maps, as in `sql`.
@@ -294,12 +340,20 @@ class MapQuestions:
 
         return map_session(self.database.engine, self.name)
 
-    @cached_property
-    def connection(self) -> psycopg.Connection[Any]:
-        """The psycopg connection of this map, with autocommit; tables have all maps."""
-        self.database._release_idle(self)
-        session = twin_session(self.database.session)
-        see_map(session, self.name, lasting=True)
+    @property
+    def connection(self) -> SureConnection:
+        """The psycopg connection of this map, with autocommit; tables have all maps.
+
+        One that the server left is opened again, unless a transaction is open.
+        """
+        if self._begun is not None:
+            return self._begun
+        session: SureConnection | None = vars(self).get("_writer")
+        if session is None or session.closed:
+            self.database._release_idle(self)
+            session = reopen_session(self.database.session.conninfo)
+            see_map(session, self.name, lasting=True)
+            vars(self)["_writer"] = session
         return session
 
     @property
@@ -325,7 +379,7 @@ class MapQuestions:
     @property
     def _sessions(self) -> list[psycopg.Connection[Any]]:
         """The connections of this map that are open now."""
-        return [vars(self)[name] for name in ("_reader", "connection") if name in vars(self)]
+        return [vars(self)[name] for name in ("_reading", "_writer") if name in vars(self)]
 
     @property
     def in_transaction(self) -> bool:
@@ -334,7 +388,7 @@ class MapQuestions:
 
     def close(self) -> None:
         """Close the map's connections; they are opened again when they are used."""
-        for name in ("_reader", "connection"):
+        for name in ("_reading", "_writer"):
             if name in vars(self):
                 getattr(self, name).close()
                 del vars(self)[name]

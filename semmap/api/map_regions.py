@@ -111,7 +111,7 @@ class MapRegions(MapQuestions):
         with self._change() as seen:
             made = draw_region(
                 seen.connection,
-                self.execute("SELECT current_map()")[0][0],
+                self._rows("SELECT current_map()")[0][0],
                 name,
                 None if polygon is None else _outline(polygon),
                 box=None if box is None else _box(name, box),

@@ -120,7 +120,7 @@ class MapTasks(MapDriving):
             if agent is None and robot is not None:
                 raise ValueError("try_grasps is for stored robots: semmap robot add")
             tried = made.run(speed=AT_ONCE, try_grasps=True)
-            self.execute("SELECT drop_map(%s)", tried.map)  # the copy, with its mission
+            self._write("SELECT drop_map(%s)", tried.map)  # the copy, with its mission
             tried.world.unlink(missing_ok=True)
             if not tried.done:
                 raise NoPlanError(f"no plan for {goal} holds in simulation: {tried.reason}")

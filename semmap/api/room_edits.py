@@ -25,7 +25,7 @@ by a cell."""
 
 def redraw(room: MapEntity, outline: Any) -> None:
     """Give a room another outline, in the map's frame, metres; holders follow."""
-    room.map.execute(
+    room.map._write(
         "UPDATE gis_room SET geom = ST_Multi(ST_GeomFromWKB(%s)) WHERE fid = %s",
         shapely.to_wkb(shapely.force_2d(outline)),
         room.id,
@@ -46,16 +46,16 @@ def merge(map: Map, rooms: Sequence[MapEntity]) -> None:
         if whole is None or part is None or whole.distance(part) > WALL:
             raise ValueError(f"{room.name} does not lie beside {first.name}, at most {WALL} m off")
         whole = joined(whole, part)
-    map.execute(
+    map._write(
         "DELETE FROM entity WHERE id IN (SELECT entity_id FROM connector "
         "WHERE place_a <> place_b AND place_a = ANY (%s) AND place_b = ANY (%s))",
         [first.id, *ids],
         [first.id, *ids],
     )
     for place in ("place_a", "place_b"):
-        map.execute(f"UPDATE connector SET {place} = %s WHERE {place} = ANY (%s)", first.id, ids)
+        map._write(f"UPDATE connector SET {place} = %s WHERE {place} = ANY (%s)", first.id, ids)
     redraw(first, whole)
-    map.execute(
+    map._write(
         "SELECT put(entity_id, %s, relation, confidence) FROM placement WHERE holder_id = ANY (%s)",
         first.id,
         ids,
@@ -89,7 +89,7 @@ def cut(map: Map, room: MapEntity, line: Any, name: str) -> MapEntity:
     borders = shapely.line_merge(shapely.union_all(common[shapely.length(common) > 0]))
     border = max(shapely.get_parts(borders), key=shapely.length)
     opening = shapely.get_coordinates(border)[[0, -1]].tolist()
-    row = map.execute(
+    row = map._rows(
         "SELECT w.pose[3] + r.floor, w.pose[3] + r.ceiling FROM room r JOIN world w "
         "ON w.entity_id = r.entity_id WHERE r.entity_id = %s",
         room.id,
@@ -100,7 +100,7 @@ def cut(map: Map, room: MapEntity, line: Any, name: str) -> MapEntity:
     made = drawn(name, "room", new, floor, ceiling, room.type, None)
     added = add_entry(map, made, storey=storey.name if storey else None)
     for place, end in (("place_a", "ST_StartPoint"), ("place_b", "ST_EndPoint")):
-        map.execute(
+        map._write(
             f"UPDATE connector SET {place} = %s FROM gis_connector g WHERE fid = entity_id "
             f"AND connector.{place} = %s AND ST_Distance({end}(g.geom), ST_GeomFromWKB(%s)) "
             f"< ST_Distance({end}(g.geom), ST_GeomFromWKB(%s))",

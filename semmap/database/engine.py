@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from contextlib import closing
+from typing import Any
 
-from sqlalchemy import URL, Engine, create_engine, make_url
+from sqlalchemy import URL, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, OperationalError
 
 from semmap.database import revisions
@@ -19,6 +20,7 @@ from semmap.database.parameters import (
     unreachable,
 )
 from semmap.database.reach import reach
+from semmap.database.sure_connection import SureConnection
 from semmap.terminal import print_waiting
 
 
@@ -31,11 +33,21 @@ def database_url(url: str | URL | Cluster | None = None) -> URL:
     chosen, source = meant(url)
     if isinstance(chosen, Cluster):
         return chosen.ensure()
-    connection_parameters(url)  # refuses what is none of PostgreSQL
+    stated = connection_parameters(url)  # refuses what is none of PostgreSQL
+    if "," in str(stated.get("host", "")):
+        return _url_of_several(stated)
     try:
         return make_url(chosen).set(drivername="postgresql+psycopg")
     except (ArgumentError, ValueError) as error:
         raise DatabaseError(f"{source} cannot be read: {error}. {FORM}") from error
+
+
+def _url_of_several(parameters: dict[str, Any]) -> URL:
+    """SQLAlchemy states several servers, and what their connections have, in the query."""
+    login = {"username": "user", "password": "password", "database": "dbname"}
+    named = {name: parameters.get(meant) for name, meant in login.items()}
+    query = {k: str(v) for k, v in parameters.items() if k not in login.values()}
+    return URL.create("postgresql+psycopg", **named, query=query)
 
 
 def open_engine(
@@ -106,9 +118,15 @@ def make_engine(url: URL) -> Engine:
     options = " ".join([*stated, *(f"-c {name}={value}" for name, value in SETTINGS.items())])
     query.setdefault("application_name", "semmap")
     query.setdefault("connect_timeout", CONNECT_TIMEOUT)
-    return create_engine(
+    engine = create_engine(
         url.set(query=query),
         connect_args={"options": options.strip()},
         pool_pre_ping=True,
         pool_use_lifo=True,
     )
+    event.listen(engine, "do_connect", _connect)
+    return engine
+
+
+def _connect(dialect: object, record: object, args: list[Any], given: dict[str, Any]) -> Any:
+    return SureConnection.connect(*args, **given)

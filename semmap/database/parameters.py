@@ -23,6 +23,9 @@ SETTINGS = {"search_path": "semmap,public", "timezone": "UTC"}
 CONNECT_TIMEOUT = "10"
 """Seconds after which a server that does not answer is given up."""
 
+SEVERAL = {"target_session_attrs": "read-write", "connect_timeout": "3"}
+"""Of several servers, the one that takes writes is meant; one that does not answer, passed over."""
+
 FORM = "It has the form postgresql://user:password@host:5432/database"
 
 
@@ -61,7 +64,8 @@ def connection_parameters(
     if not colon:
         raise DatabaseError(f"{source} cannot be read: {text}. {FORM}")
     try:
-        return dict(conninfo_to_dict(f"postgresql://{rest}"))
+        stated = dict(conninfo_to_dict(f"postgresql://{rest}"))
+        return SEVERAL | stated if "," in str(stated.get("host", "")) else stated
     except psycopg.ProgrammingError as error:
         cause = str(error).strip().splitlines()[0]
         raise DatabaseError(f"{source} cannot be read: {cause}. {FORM}") from error

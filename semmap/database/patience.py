@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 
+import psycopg
+from psycopg.conninfo import conninfo_to_dict
 from psycopg.pq import PGconn, Ping
 
 BUSY_SECONDS = 60.0
@@ -13,6 +15,20 @@ SILENT_SECONDS = 5.0
 """How long it waits while nobody listens at the address: a server opens its socket first thing."""
 
 PAUSE = 0.1
+
+
+def has_several_hosts(conninfo: str) -> bool:
+    """Whether a connection may be with one of several servers."""
+    return "," in str(conninfo_to_dict(conninfo).get("host", ""))
+
+
+def _lets_in(conninfo: str) -> bool:
+    """Whether any of the servers, perhaps one that takes no writes, takes this login."""
+    try:
+        psycopg.connect(conninfo, target_session_attrs="any").close()
+    except psycopg.OperationalError:
+        return False
+    return True
 
 
 class Patience:
@@ -31,11 +47,14 @@ class Patience:
         state = PGconn.ping(conninfo.encode())
         now = time.monotonic()
         self.busy = state == Ping.REJECT
-        if state == Ping.OK:  # it came up just now, or it is up and refuses this login
-            again, self._was_up = not self._was_up, True
+        if state == Ping.OK and not (has_several_hosts(conninfo) and _lets_in(conninfo)):
+            again, self._was_up = (
+                not self._was_up,
+                True,
+            )  # it came up just now, or refuses this login
             return again
         self._was_up = False
-        if self.busy:
+        if self.busy or state == Ping.OK:  # the latter: a standby that is not the primary yet
             self._heard = now
         time.sleep(PAUSE)
         return now < self._begin + BUSY_SECONDS and now < self._heard + SILENT_SECONDS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import psycopg
 from psycopg.conninfo import make_conninfo
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from semmap.database.embedded import Cluster
 
 
-def reach(url: str | URL | Cluster | None, *, create: bool) -> psycopg.Connection[Any]:
+def reach(url: str | URL | Cluster | None, *, create: bool) -> SharedConnection:
     """A session with the database as `open_session` opens it, whatever its schema is."""
     patience = Patience()
     while True:

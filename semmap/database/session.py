@@ -6,10 +6,10 @@ import select
 from typing import TYPE_CHECKING, Any
 
 import psycopg
-from psycopg.conninfo import make_conninfo
 from psycopg.pq import TransactionStatus
 
 from semmap.database import revisions
+from semmap.database.patience import Patience
 from semmap.database.reach import reach
 from semmap.database.shared_engine import SharedConnection
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def open_session(
     url: str | URL | Cluster | None = None, *, migrate: bool = False
-) -> psycopg.Connection[Any]:
+) -> SharedConnection:
     """A session in autocommit mode with the map's database, whose schema is of this semmap.
 
     A server that starts, recovers from a crash or stops is waited for, a minute at most; one that
@@ -56,19 +56,18 @@ def open_session(
     return session
 
 
-def twin_session(session: psycopg.Connection[Any]) -> psycopg.Connection[Any]:
-    """Open another session with the same database, login and settings."""
-    return reopen_session(conninfo_of(session))
+def reopen_session(conninfo: str) -> SharedConnection:
+    """Open a session in autocommit mode; `conninfo` of another one makes one like it.
 
-
-def conninfo_of(session: psycopg.Connection[Any]) -> str:
-    """With what `reopen_session` opens another session like this one, also after it is closed."""
-    return make_conninfo(session.info.dsn, password=session.info.password or None)
-
-
-def reopen_session(conninfo: str) -> psycopg.Connection[Any]:
-    """Open a session in autocommit mode."""
-    return SharedConnection.connect(conninfo, autocommit=True)
+    A server that starts, or a standby that takes over, is waited for as `open_session` does.
+    """
+    patience = Patience()
+    while True:
+        try:
+            return SharedConnection.connect(conninfo, autocommit=True)
+        except psycopg.OperationalError:
+            if not patience.allows_another(conninfo):
+                raise
 
 
 def is_idle(session: psycopg.Connection[Any]) -> bool:

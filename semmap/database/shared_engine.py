@@ -8,13 +8,15 @@ from weakref import WeakKeyDictionary
 import psycopg
 from psycopg.pq import TransactionStatus
 
+from semmap.database.sure_connection import SureConnection
+
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
 _ENGINES: WeakKeyDictionary[psycopg.Connection[Any], Engine] = WeakKeyDictionary()
 
 
-class SharedConnection(psycopg.Connection[Any]):
+class SharedConnection(SureConnection):
     """A connection in autocommit mode, whose explicit transactions SQLAlchemy does not end."""
 
     def commit(self) -> None:

@@ -6,6 +6,7 @@ import psycopg
 from psycopg import errors
 
 from semmap.database.error import DatabaseError
+from semmap.database.sure_connection import NotWrittenError, UnsettledError
 from semmap.error import Error, InvalidArgumentError, UnknownNameError
 
 _KINDS = "grasp, place, push, turn, open or put"
@@ -60,4 +61,6 @@ def refused(error: psycopg.Error) -> Error | None:
         return InvalidArgumentError(refusal_text(error))
     if isinstance(error, psycopg.OperationalError) and str(error) == "the connection is closed":
         return DatabaseError("the database is closed: open it again by semmap.connect()")
+    if isinstance(error, NotWrittenError | UnsettledError):
+        return DatabaseError(str(error))
     return None

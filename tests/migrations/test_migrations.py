@@ -63,7 +63,7 @@ def differences(engine: Engine) -> list[object]:
 
 
 def columns(engine: Engine) -> Columns:
-    """The columns of each table of the map."""
+    """The columns of each table of the map; the keys of its transactions are others each time."""
     with engine.connect() as connection:
         found = connection.execute(
             text(
@@ -71,7 +71,7 @@ def columns(engine: Engine) -> Columns:
                 "string_agg(quote_ident(attname), ', ' ORDER BY attnum) AS names "
                 "FROM pg_attribute JOIN pg_class c ON c.oid = attrelid WHERE attnum > 0 "
                 "AND NOT attisdropped AND relkind = 'r' AND relnamespace = 'semmap'::regnamespace "
-                "GROUP BY 1"
+                "AND relname <> 'written' GROUP BY 1"
             )
         )
         return {row.table: row.names for row in found}

@@ -23,10 +23,13 @@ EXECUTABLE = {
     "prune_observations": {"semmap_admin"},
     "prune_terms": {"semmap_admin"},
     "prune_history": {"semmap_admin"},
+    "prune_written": {"semmap_admin"},
     "refresh_belief": {"semmap_robot", "semmap_admin"},
     "robot_wastes_turn": {"semmap_robot", "semmap_admin"},
     "keep_relation": {"semmap_reader", "semmap_robot", "semmap_admin"},
     "settle": {"semmap_reader", "semmap_robot", "semmap_admin"},
+    "note_write": {"semmap_robot", "semmap_admin"},
+    "was_written": {"semmap_robot", "semmap_admin"},
 }
 """Who may call the functions that run with their owner's rights; the others are for triggers."""
 

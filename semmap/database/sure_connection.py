@@ -1,0 +1,225 @@
+"""Connections whose transactions have a known outcome, through lost servers and standbys."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from typing import Any, Self, TypeVar
+from uuid import UUID, uuid4
+from weakref import ref
+
+import psycopg
+from psycopg.conninfo import make_conninfo
+from psycopg.errors import Diagnostic
+from psycopg.pq import TransactionStatus
+
+from semmap.database.patience import BUSY_SECONDS, PAUSE, has_several_hosts
+
+COMMIT_SECONDS = 5.0
+"""How long a commit is waited for where another server can take over, and an answer about it."""
+
+WAITS_FOR_STANDBYS = "SyncRepWaitForLSN"
+"""The function of PostgreSQL that waits until standbys have a commit; its texts have languages."""
+
+ATTEMPTS = 5
+"""How often a call is made whose connections are lost."""
+
+Found = TypeVar("Found")
+
+_OF_PSYCOPG = {
+    *inspect.signature(psycopg.Connection.connect).parameters,
+} - {"conninfo", "kwargs"}
+"""Arguments of `connect` that are not libpq's."""
+
+_WRITES = """
+SELECT pg_current_xact_id_if_assigned() IS NOT NULL
+   AND has_function_privilege(to_regprocedure('semmap.note_write(uuid)'), 'EXECUTE')
+"""
+
+
+class _Happened(threading.local):
+    """What happened to the connections of a thread."""
+
+    commits = 0
+    """How many transactions were, or may have been, committed that write."""
+
+    open = 0
+    """How many transactions are open now."""
+
+    losses = 0
+    """How many connections were lost."""
+
+
+HAPPENED = _Happened()
+
+
+class NotWrittenError(psycopg.OperationalError):
+    """The connection was lost, and nothing of the transaction was written, nor will be."""
+
+
+class UnsettledError(psycopg.OperationalError):
+    """Whether a transaction was written is not known: no server could be asked in time."""
+
+
+class _InDoubtError(psycopg.OperationalError):
+    """A server may have committed, but a standby that takes over may lack it."""
+
+
+class SureConnection(psycopg.Connection[Any]):
+    """A connection on which a transaction is written at its end, or an error says that it is not.
+
+    A transaction that writes stores a key. Where the connection is lost during the commit, the
+    servers of the URL are asked for a minute whether the key is there; then it stays closed, also
+    if all was written. PostgreSQL calls a commit done where the wait for standbys was cancelled,
+    and adds a warning: that counts as a lost connection. With several servers, a commit that takes
+    more than `COMMIT_SECONDS` is left alone, not cancelled.
+
+    The outcome of a single statement in autocommit mode is as with psycopg's own connections.
+
+    Raises
+    ------
+    NotWrittenError
+        By commits and transactions: nothing was written.
+    UnsettledError
+        No server that takes writes could be asked.
+    """
+
+    conninfo: str
+    """With what another connection like this one is opened: all servers, and the password."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.conninfo = ""
+        self._seconds: float | None = None
+        self._doubt: str | None = None
+        me = ref(self)
+
+        def note(notice: Diagnostic) -> None:
+            if notice.source_function == WAITS_FOR_STANDBYS and (found := me()) is not None:
+                found._doubt = notice.message_primary
+
+        self.add_notice_handler(note)
+
+    @classmethod
+    def connect(cls, conninfo: str = "", **kwargs: Any) -> Self:
+        """As psycopg's."""
+        made = super().connect(conninfo, **kwargs)
+        stated = {name: value for name, value in kwargs.items() if name not in _OF_PSYCOPG}
+        made.conninfo = make_conninfo(conninfo, **stated)
+        return made
+
+    def commit(self) -> None:
+        """Commit: as the class says."""
+        key = self._note()
+        try:
+            super().commit()
+        except psycopg.OperationalError as error:
+            self._settle(key, error)
+        self._seconds = None
+        HAPPENED.commits += key is not None
+
+    @contextmanager
+    def transaction(
+        self, savepoint_name: str | None = None, force_rollback: bool = False
+    ) -> Iterator[psycopg.Transaction]:
+        """As psycopg's; one that is not a part of another ends as the class says."""
+        whole = self.info.transaction_status == TransactionStatus.IDLE and not force_rollback
+        key = None
+        HAPPENED.open += whole
+        try:
+            with super().transaction(savepoint_name, force_rollback) as made:
+                yield made
+                key = self._note() if whole else None
+        except psycopg.OperationalError as error:
+            if not whole or not self.closed:
+                raise
+            self._settle(key, error)
+        finally:
+            HAPPENED.open -= whole
+        self._seconds = None
+        HAPPENED.commits += key is not None
+
+    def wait(self, *args: Any, **kwargs: Any) -> Any:
+        """As psycopg's, for each statement and commit."""
+        if self._seconds is not None:
+            kwargs.setdefault("timeout", self._seconds)
+        try:
+            found = super().wait(*args, **kwargs)
+        except psycopg.OperationalError as error:
+            HAPPENED.losses += self.closed
+            if self.closed or self.info.transaction_status != TransactionStatus.ACTIVE:
+                raise
+            self.close()
+            HAPPENED.losses += 1
+            raise _InDoubtError(f"no answer after {self._seconds:g} s") from error
+        if self._doubt is not None:
+            self.close()
+            HAPPENED.losses += 1
+            raise _InDoubtError(self._doubt)
+        return found
+
+    def _note(self) -> UUID | None:
+        """Store the key of the open transaction; None where it wrote nothing."""
+        if self.info.transaction_status != TransactionStatus.INTRANS:
+            return None
+        row = self.execute(_WRITES).fetchone()
+        if row is None or not row[0]:
+            return None
+        key = uuid4()
+        self.execute("SELECT semmap.note_write(%s)", (key,))
+        self._seconds = COMMIT_SECONDS if has_several_hosts(self.conninfo) else None
+        return key
+
+    def _settle(self, key: UUID | None, error: psycopg.OperationalError) -> None:
+        """Raise, unless the transaction of a key was committed; without one, nothing was."""
+        if not self.closed:
+            raise error
+        if key is None or not self._was_written(self.conninfo, key):
+            cause = (str(error).strip().splitlines() or [""])[0]
+            raise NotWrittenError(f"nothing was written: {cause}") from error
+
+    @classmethod
+    def _was_written(cls, conninfo: str, key: UUID) -> bool:
+        until = time.monotonic() + BUSY_SECONDS
+        chance = {"load_balance_hosts": "random"} if has_several_hosts(conninfo) else {}
+        while True:
+            try:
+                with closing(cls.connect(conninfo, autocommit=True, **chance)) as session:
+                    return session._answer(key)
+            except psycopg.OperationalError as unanswered:
+                if time.monotonic() > until:
+                    HAPPENED.commits += 1  # perhaps: so nobody does it again
+                    raise UnsettledError(
+                        f"the connection was lost while transaction {key} was committed, and no "
+                        "server could be asked whether it was. When one is there, ask it: "
+                        f"SELECT semmap.was_written('{key}')"
+                    ) from unanswered
+                time.sleep(PAUSE)
+
+    def _answer(self, key: UUID) -> bool:
+        """A server that is cut off from its standbys does not answer: its commit waits for them."""
+        self._seconds = COMMIT_SECONDS
+        row = self.execute("SELECT semmap.was_written(%s)", (key,)).fetchone()
+        assert row is not None
+        return bool(row[0])
+
+
+def through_losses(function: Callable[..., Found], *args: Any, **kwargs: Any) -> Found:
+    """Call a function; again if a connection was lost, and what it did wrote nothing.
+
+    Where a transaction is open, its owner calls again. What `function` does on connections in
+    autocommit mode must be nothing that writes.
+    """
+    if HAPPENED.open:
+        return function(*args, **kwargs)
+    for _ in range(ATTEMPTS - 1):
+        commits, losses = HAPPENED.commits, HAPPENED.losses
+        try:
+            return function(*args, **kwargs)
+        except Exception:
+            if HAPPENED.losses == losses or HAPPENED.commits != commits:
+                raise
+    return function(*args, **kwargs)
