@@ -31,8 +31,8 @@ test:
 	@.venv/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 test-docker:
-	@scripts/setup test
-	@.venv/bin/python -m pytest -q -m docker
+	@FEW=1 scripts/setup test
+	@.venv/bin/python -m pytest -q -m docker tests/database tests/examples tests/migrations
 
 soak:
 	@scripts/setup test
@@ -64,7 +64,7 @@ explore:
 	@HYPOTHESIS_PROFILE=explore .venv/bin/python -m pytest -q -m "hypothesis or explore"
 
 lint:
-	@scripts/setup test lint
+	@FEW=1 scripts/setup test lint
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
