@@ -15,7 +15,6 @@ from semmap.api.checked import EntityName, forms_of, taken
 from semmap.api.map_entity import Door, MapEntity
 from semmap.database.error import DatabaseError
 from semmap.database.maps import see_map
-from semmap.database.session import reopen_session
 from semmap.database.sure_connection import (
     HAPPENED,
     NotWrittenError,
@@ -25,7 +24,7 @@ from semmap.database.sure_connection import (
 from semmap.error import InvalidArgumentError
 from semmap.query import entity_query
 from semmap.query.entity_query import Near
-from semmap.query.refusal import refusal_text
+from semmap.query.refusal import refusal_text, refused
 from semmap.query.snapshot import Snapshot, open_snapshot
 from semmap.suggestions import suggestion
 
@@ -205,7 +204,7 @@ class MapQuestions:
         """
         try:
             return self._rows(statement, *values)
-        except psycopg.OperationalError:
+        except (psycopg.OperationalError, DatabaseError):
             HAPPENED.commits += not HAPPENED.open  # perhaps: so it is not done again
             raise
 
@@ -235,10 +234,15 @@ class MapQuestions:
             ):
                 if not attempts:
                     raise
-            except (errors.InsufficientPrivilege, errors.NoDataFound):
+            except errors.InsufficientPrivilege:
                 raise
-            except psycopg.ProgrammingError as error:
-                raise InvalidArgumentError(refusal_text(error)) from error
+            except psycopg.Error as error:
+                told = refused(error)
+                if told is None and isinstance(error, psycopg.ProgrammingError):
+                    told = InvalidArgumentError(refusal_text(error))
+                if told is None:
+                    raise
+                raise told from error
 
     def sql(
         self, statement: str, *values: Any, write: bool = False, rows: int | None = None
@@ -351,7 +355,7 @@ class MapQuestions:
         session: SureConnection | None = vars(self).get("_writer")
         if session is None or session.closed:
             self.database._release_idle(self)
-            session = reopen_session(self.database.session.conninfo)
+            session = self.database.session.twin()
             see_map(session, self.name, lasting=True)
             vars(self)["_writer"] = session
         return session

@@ -111,6 +111,12 @@ class SureConnection(psycopg.Connection[Any]):
         made.conninfo = make_conninfo(conninfo, **stated)
         return made
 
+    def twin(self) -> Self:
+        """Open another connection like this one, in autocommit mode; this one is open, too."""
+        if self.closed:
+            raise psycopg.OperationalError("the connection is closed")
+        return self.connect(self.conninfo, autocommit=True)
+
     def commit(self) -> None:
         """Commit: as the class says."""
         key = self._note()
