@@ -17,7 +17,7 @@ from semmap.api.map import Map
 from semmap.api.map_questions import MapQuestions, sql_rows
 from semmap.database.configuration import READER
 from semmap.database.maps import pick_map
-from semmap.database.session import is_idle, open_session, reopen_session
+from semmap.database.session import is_idle, open_session
 from semmap.database.shared_engine import shared_engine
 from semmap.database.sure_connection import SureConnection
 from semmap.query import entity_query
@@ -122,7 +122,7 @@ class Database(DatabaseManipulation, DatabaseInterlinking):
     def session(self) -> SureConnection:
         """A psycopg connection with autocommit, its search path on the schema."""
         if self._session.closed and not self._is_closed:
-            self._session = reopen_session(self._session.conninfo)
+            self._session = self._session.reopen(self._session.conninfo)
         return self._session
 
     def is_usable(self) -> bool:

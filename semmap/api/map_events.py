@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import psycopg
 
 from semmap.api.map_questions import MapQuestions
-from semmap.database.session import reopen_session
+from semmap.database.shared_engine import SharedConnection
 from semmap.query.entity_query import check_cursor
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class MapSubscription:
         self.error: Exception | None = None
         self._conninfo, self._map_name, self._callback = conninfo, map_name, callback
         self._stop = threading.Event()
-        session = reopen_session(conninfo)
+        session = SharedConnection.reopen(conninfo)
         try:
             session.execute("LISTEN semmap")
             self.cursor: str = current_cursor(session) if since is None else since
@@ -71,7 +71,7 @@ class MapSubscription:
             while not self._stop.is_set():
                 try:
                     if session is None:
-                        session = reopen_session(self._conninfo)
+                        session = SharedConnection.reopen(self._conninfo)
                         session.execute("LISTEN semmap")
                     self._deliver(session)
                 except psycopg.OperationalError:  # the server was away: the cursor outlives that

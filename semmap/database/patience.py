@@ -12,7 +12,8 @@ BUSY_SECONDS = 60.0
 """How long a command waits while the server says that it starts, recovers or stops."""
 
 SILENT_SECONDS = 5.0
-"""How long it waits while nobody listens at the address: a server opens its socket first thing."""
+"""How long it waits while nobody listens at the address: a server opens its socket first thing.
+Where the URL names several servers, `BUSY_SECONDS`: another one takes over."""
 
 PAUSE = 0.1
 
@@ -47,14 +48,15 @@ class Patience:
         state = PGconn.ping(conninfo.encode())
         now = time.monotonic()
         self.busy = state == Ping.REJECT
-        if state == Ping.OK and not (has_several_hosts(conninfo) and _lets_in(conninfo)):
+        several = has_several_hosts(conninfo)
+        if state == Ping.OK and not (several and _lets_in(conninfo)):
             again, self._was_up = (
                 not self._was_up,
                 True,
             )  # it came up just now, or refuses this login
             return again
         self._was_up = False
-        if self.busy or state == Ping.OK:  # the latter: a standby that is not the primary yet
+        if self.busy or several:  # of several, one may take over
             self._heard = now
         time.sleep(PAUSE)
         return now < self._begin + BUSY_SECONDS and now < self._heard + SILENT_SECONDS

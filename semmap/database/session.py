@@ -9,7 +9,6 @@ import psycopg
 from psycopg.pq import TransactionStatus
 
 from semmap.database import revisions
-from semmap.database.patience import Patience
 from semmap.database.reach import reach
 from semmap.database.shared_engine import SharedConnection
 
@@ -54,20 +53,6 @@ def open_session(
         session.close()
         raise
     return session
-
-
-def reopen_session(conninfo: str) -> SharedConnection:
-    """Open a session in autocommit mode; `conninfo` of another one makes one like it.
-
-    A server that starts, or a standby that takes over, is waited for as `open_session` does.
-    """
-    patience = Patience()
-    while True:
-        try:
-            return SharedConnection.connect(conninfo, autocommit=True)
-        except psycopg.OperationalError:
-            if not patience.allows_another(conninfo):
-                raise
 
 
 def is_idle(session: psycopg.Connection[Any]) -> bool:

@@ -16,7 +16,7 @@ from psycopg.conninfo import make_conninfo
 from psycopg.errors import Diagnostic
 from psycopg.pq import TransactionStatus
 
-from semmap.database.patience import BUSY_SECONDS, PAUSE, has_several_hosts
+from semmap.database.patience import BUSY_SECONDS, PAUSE, Patience, has_several_hosts
 
 COMMIT_SECONDS = 5.0
 """How long a commit is waited for where another server can take over, and an answer about it."""
@@ -115,7 +115,18 @@ class SureConnection(psycopg.Connection[Any]):
         """Open another connection like this one, in autocommit mode; this one is open, too."""
         if self.closed:
             raise psycopg.OperationalError("the connection is closed")
-        return self.connect(self.conninfo, autocommit=True)
+        return self.reopen(self.conninfo)
+
+    @classmethod
+    def reopen(cls, conninfo: str) -> Self:
+        """Open a connection in autocommit mode; one that starts or takes over is waited for."""
+        patience = Patience()
+        while True:
+            try:
+                return cls.connect(conninfo, autocommit=True)
+            except psycopg.OperationalError:
+                if not patience.allows_another(conninfo):
+                    raise
 
     def commit(self) -> None:
         """Commit: as the class says."""

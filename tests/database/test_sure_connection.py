@@ -274,3 +274,24 @@ def test_where_nobody_can_be_asked_the_error_tells_the_key(
     key = str(told.value).split("'")[1]
     with psycopg.connect(plain(database), autocommit=True) as direct:
         assert direct.execute("SELECT semmap.was_written(%s)", [key]).fetchone() == (True,)
+
+
+def test_a_url_of_several_servers_means_the_one_that_takes_writes(
+    database: str, wire: LossyWire, session: SureConnection
+) -> None:
+    url = wire.url(database).replace("@127.0.0.1:", "@127.0.0.1:1,127.0.0.1:")
+    with closing(open_session(url)) as other:
+        assert other.info.dbname == sqlalchemy.make_url(database).database
+        assert "host=127.0.0.1,127.0.0.1 port=1," in other.conninfo
+    session.close()
+    engine = open_engine(url)
+    wire.lose = ["answer"]
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO semmap.note VALUES (1)"))
+    with engine.connect() as connection:
+        assert connection.execute(text("SELECT count(*) FROM semmap.note")).scalar() == 1
+    engine.dispose()
+    began = time.monotonic()
+    with pytest.raises(DatabaseError, match="does not exist"):
+        open_session(url.replace(sqlalchemy.make_url(database).database, "nowhere"))
+    assert time.monotonic() - began < 10

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import threading
+
 import psycopg
 import pytest
 
-from semmap.database import open_engine, revisions
-from tests.failover.cluster import running_cluster
+import semmap
+from semmap.database import revisions
+from tests.failover.cluster import FailoverCluster, running_cluster
 from tests.failover.rounds import play
 
 pytestmark = pytest.mark.docker
@@ -38,6 +41,39 @@ def test_a_killed_primary_loses_no_acknowledged_write() -> None:
         assert (played.lost, played.double) == (0, 0)
         assert cluster.primary() != first
         assert first in cluster.standbys()
-        engine = open_engine(cluster.url_of(cluster.primary()))
-        assert revisions.installed_on(engine) == revisions.newest()
-        engine.dispose()
+        wanted = add_through_a_kill(cluster)
+        assert names_in(cluster) == wanted
+
+
+def add_through_a_kill(cluster: FailoverCluster) -> list[str]:
+    """Add objects by the API, by the URL of all servers, while the primary dies; their names."""
+    wanted: list[str] = []
+    with semmap.connect(cluster.url, migrate=True) as db:
+        place = db.create_map("flat")
+        place.add_room("hall", [(0, 0), (90, 0), (90, 3), (0, 3)], floor=0, ceiling=3)
+        killed = cluster.primary()
+        helper = threading.Timer(1, cluster.kill, [killed])
+        helper.start()
+        after = 0
+        while after < 20:
+            wanted.append(f"box{len(wanted):04}")
+            x = 1 + len(wanted) % 88
+            made = place.add_object(wanted[-1], size=(0.1, 0.1, 0.1), pose=(x, 1, 0.05))
+            made.move_to(x, 2, 0.05)
+            after += not helper.is_alive()  # then it is another one that takes them
+        helper.join()
+        assert all(place[name].pose.y == 2 for name in wanted)
+    cluster.revive(killed)
+    return wanted
+
+
+def names_in(cluster: FailoverCluster) -> list[str]:
+    """The names of the objects that the primary has, each as often as it has it."""
+    with psycopg.connect(cluster.url) as connection:
+        assert revisions.installed(connection) == revisions.newest()
+        return [
+            row[0]
+            for row in connection.execute(
+                "SELECT name FROM semmap.entity WHERE kind = 'object' ORDER BY name"
+            )
+        ]
