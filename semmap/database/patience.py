@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 
 import psycopg
-from psycopg.conninfo import conninfo_to_dict
+from psycopg.conninfo import conninfo_to_dict, make_conninfo
 from psycopg.pq import PGconn, Ping
 
 BUSY_SECONDS = 60.0
@@ -21,6 +22,17 @@ PAUSE = 0.1
 def has_several_hosts(conninfo: str) -> bool:
     """Whether a connection may be with one of several servers."""
     return "," in str(conninfo_to_dict(conninfo).get("host", ""))
+
+
+def _servers(conninfo: str) -> Iterator[str]:
+    """The same for each server that a connection may be with."""
+    stated = conninfo_to_dict(conninfo)
+    hosts, ports = (str(stated.get(name) or "").split(",") for name in ("host", "port"))
+    for number, host in enumerate(hosts):
+        if len(hosts) > 1:
+            port = ports[number] if len(ports) > 1 else ports[0]
+            stated |= {"host": host, "port": port or None, "target_session_attrs": None}
+        yield make_conninfo("", **stated)
 
 
 def _lets_in(conninfo: str) -> bool:
@@ -45,11 +57,11 @@ class Patience:
 
         The protocol says what state the server is in: an error's text depends on its language.
         """
-        state = PGconn.ping(conninfo.encode())
+        servers = [*_servers(conninfo)]
+        states = {PGconn.ping(each.encode()) for each in servers}
         now = time.monotonic()
-        self.busy = state == Ping.REJECT
-        several = has_several_hosts(conninfo)
-        if state == Ping.OK and not (several and _lets_in(conninfo)):
+        self.busy, several = Ping.REJECT in states, len(servers) > 1
+        if Ping.OK in states and not (several and _lets_in(conninfo)):
             again, self._was_up = (
                 not self._was_up,
                 True,

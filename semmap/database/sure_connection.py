@@ -138,6 +138,11 @@ class SureConnection(psycopg.Connection[Any]):
         self._seconds = None
         HAPPENED.commits += key is not None
 
+    def rollback(self) -> None:
+        """As psycopg's; a connection that is lost has nothing to undo."""
+        if not self.closed:
+            super().rollback()
+
     @contextmanager
     def transaction(
         self, savepoint_name: str | None = None, force_rollback: bool = False
