@@ -15,8 +15,9 @@ from semmap.database.files import image_folder
 PROMISES = (
     "A write is acknowledged when two servers have it on disk. Whichever one server is lost or cut "
     "off, none of them is lost.",
-    "When the primary fails, writes wait about ten seconds for the next one; a client connects "
-    "again and repeats what was not acknowledged.",
+    "When the primary fails, writes wait about ten seconds for the next one. semmap finds it, and "
+    "writes again what was not written; another client connects again and repeats what was not "
+    "acknowledged.",
     "When two servers are lost, or the monitor and the primary, writes wait until one of them is "
     "back.",
     "A client must not cancel a commit that waits, nor set synchronous_commit: the server then "
