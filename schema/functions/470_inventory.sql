@@ -303,12 +303,16 @@ BEGIN
                coalesce(o.pose[3] + r.ceiling, semmap.ceiling_of(o.entity_id)) AS ceiling
         FROM (SELECT l.map_id, ST_Extent(l.ground) AS zone FROM loose l GROUP BY 1) a
         JOIN semmap.world o ON o.map_id = a.map_id AND o.footprint && a.zone JOIN semmap.room r ON r.entity_id = o.entity_id
+    ), heights AS MATERIALIZED (
+        SELECT jsonb_object_agg(a.room_id, jsonb_build_array(a.floor, a.ceiling)) AS of_rooms FROM around a
     ), amid AS (
-        -- what the only room there covers: most of the things, and room_at for each would take as long as all the rest
-        SELECT l.id, min(r.room_id) AS owner
-        FROM loose l JOIN around r ON r.map_id = l.map_id AND r.footprint && l.ground
-             AND l.middle BETWEEN r.floor - contact AND r.ceiling + contact
-        GROUP BY l.id HAVING count(*) = 1 AND bool_and(ST_Covers(r.footprint, l.ground))
+        -- what the only room there covers: most of the things, and room_at for each would take as long as all the rest; the
+        -- rooms are found by the index, and their heights in one value: a join with `around` would be quadratic
+        SELECT l.id, min(o.entity_id) AS owner
+        FROM heights h CROSS JOIN loose l JOIN semmap.world o ON o.map_id = l.map_id AND o.footprint && l.ground
+        WHERE l.middle BETWEEN (h.of_rooms -> o.entity_id::text ->> 0)::double precision - contact
+                           AND (h.of_rooms -> o.entity_id::text ->> 1)::double precision + contact
+        GROUP BY l.id HAVING count(*) = 1 AND bool_and(ST_Covers(o.footprint, l.ground))
     ), within AS (
         SELECT a.id, a.owner, 1::double precision AS share FROM amid a
       UNION ALL
