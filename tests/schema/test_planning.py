@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
+import shapely
 from sqlalchemy import Connection, Engine, text
+
+import semmap
 
 FIGURE_3 = (Path(__file__).parents[2] / "benchmarks" / "figure3.sql").read_text()
 KEYS = ("object_type_id", "placement_holder", "entity_chunk_entity")
@@ -110,3 +114,46 @@ def test_a_lookup_by_a_key_uses_its_index(kitchens: Engine, lookup: str) -> None
         plan = "\n".join(connection.exec_driver_sql(f"EXPLAIN SELECT * FROM {lookup}").scalars())
         assert any(index in plan for index in KEYS), plan
         assert "Seq Scan" not in plan
+
+
+ROOMS, THINGS = 40, 400
+
+AUTO_EXPLAIN = {
+    "auto_explain.log_min_duration": "0",
+    "auto_explain.log_nested_statements": "on",
+    "auto_explain.log_analyze": "on",
+    "client_min_messages": "log",
+}
+
+MANY = """
+WITH model AS (SELECT model_id FROM entity_model WHERE entity_id = entity_id('first')),
+     thing AS (INSERT INTO entity (map_id, kind, name)
+               SELECT current_map(), 'object', 'thing' || i FROM generate_series(0, {things} - 1) i
+               RETURNING id, substr(name, 6)::integer AS i),
+     shape AS (INSERT INTO entity_model (entity_id, model_id) SELECT id, model_id FROM thing, model)
+INSERT INTO placement (entity_id, pose)
+SELECT id, ARRAY[i % {rooms} * 5 + 1 + i / {rooms} * 0.3, 1, 0.05, 0, 0, 0, 1] FROM thing
+"""
+
+
+def test_holders_of_many_things_compare_no_thing_with_each_room(database: str) -> None:
+    plans: list[str] = []
+    with semmap.connect(database) as db:
+        place = db.create_map("hotel")
+        with place.transaction():
+            for i in range(ROOMS):
+                outline = shapely.box(5 * i, 0, 5 * i + 5, 4)
+                place.add_room(f"room{i}", outline, floor=0, ceiling=3)
+            place.add_object("first", size=(0.1, 0.1, 0.1), pose=(1, 3, 0.05))
+        session = place.connection
+        session.execute("LOAD 'auto_explain'")
+        for name, value in AUTO_EXPLAIN.items():
+            session.execute(f"SET {name} = {value}")
+        session.add_notice_handler(lambda notice: plans.append(str(notice.message_primary)))
+        with place.transaction():
+            session.execute(MANY.format(things=THINGS, rooms=ROOMS))
+        assert place["thing0"].holder == place["room0"]
+        assert len(place["room7"].contents) == THINGS // ROOMS
+    removed = [int(n) for plan in plans for n in re.findall(r"Removed by .*Filter: (\d+)", plan)]
+    assert any("around" in plan for plan in plans)
+    assert max(removed) < 3 * (THINGS + ROOMS)  # with each room, 15,600
