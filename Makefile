@@ -32,7 +32,7 @@ test:
 
 test-docker:
 	@FEW=1 scripts/setup test
-	@.venv/bin/python -m pytest -q -m docker tests/database tests/examples tests/migrations
+	@.venv/bin/python -m pytest -q -m docker tests/database tests/examples tests/failover tests/migrations
 
 soak:
 	@scripts/setup test

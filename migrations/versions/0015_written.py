@@ -19,7 +19,8 @@ def upgrade() -> None:
     """Make the table; retention prunes it."""
     op.execute(
         "CREATE TABLE semmap.written ("
-        "key uuid PRIMARY KEY, done boolean NOT NULL, at timestamptz NOT NULL DEFAULT now())"
+        "key uuid PRIMARY KEY, done boolean NOT NULL, "
+        "at timestamptz NOT NULL DEFAULT clock_timestamp())"
     )
     op.execute("CREATE INDEX written_at ON semmap.written USING brin (at)")
 

@@ -117,6 +117,9 @@ RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public,
 -- Stores the key of this transaction, by which `was_written` tells whether it was committed.
 BEGIN
     INSERT INTO semmap.written (key, done) VALUES (write_key, true);
+    IF random() < 0.001 THEN
+        PERFORM semmap.prune_written();
+    END IF;
 END $$;
 
 CREATE FUNCTION was_written(write_key uuid)
@@ -134,7 +137,7 @@ CREATE FUNCTION prune_written()
 RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 BEGIN ATOMIC
 -- Deletes the keys of transactions of some time ago: a client asks within a minute.
-DELETE FROM semmap.written WHERE at < now() - interval '15 minutes';
+DELETE FROM semmap.written WHERE at < now() - interval '1 hour';
 END;
 
 CREATE FUNCTION apply_retention()
@@ -147,7 +150,6 @@ BEGIN
         RETURN;
     END IF;
     PERFORM set_config('semmap.dropping', '', true), set_config('semmap.believing', '', true);  -- of a robot
-    PERFORM semmap.prune_written();
     PERFORM semmap.prune_changes(5000);
     PERFORM semmap.prune_observations(1000);
     IF (SELECT t.reltuples > 1000 + 2 * s.reltuples FROM pg_class t, pg_class s

@@ -71,7 +71,7 @@ class MapSubscription:
             while not self._stop.is_set():
                 try:
                     if session is None:
-                        session = SharedConnection.reopen(self._conninfo)
+                        session = SharedConnection.connect(self._conninfo, autocommit=True)
                         session.execute("LISTEN semmap")
                     self._deliver(session)
                 except psycopg.OperationalError:  # the server was away: the cursor outlives that

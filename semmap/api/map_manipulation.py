@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from semmap.api.checked import EntityName
 from semmap.api.map_questions import MapQuestions
+from semmap.database.sure_connection import HAPPENED
 
 if TYPE_CHECKING:
     from semmap.found_rows import FoundRows
@@ -403,6 +404,7 @@ class MapManipulation(MapQuestions):
             if on is not None or push or open_ or turn:
                 raise ValueError("attempt is for grasps: give none of on, push, open_ and turn")
             values |= {"attempt": attempt, "simulated": False}
+            HAPPENED.act()
         if on is not None:
             return practice.practise_places(self._seen, name, on, gripper, **values)
         if open_ or turn:

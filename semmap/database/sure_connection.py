@@ -35,8 +35,8 @@ _OF_PSYCOPG = {
 """Arguments of `connect` that are not libpq's."""
 
 _WRITES = """
-SELECT pg_current_xact_id_if_assigned() IS NOT NULL
-   AND has_function_privilege(to_regprocedure('semmap.note_write(uuid)'), 'EXECUTE')
+SELECT pg_current_xact_id_if_assigned() IS NOT NULL,
+       has_function_privilege(to_regprocedure('semmap.note_write(uuid)'), 'EXECUTE')
 """
 
 
@@ -51,6 +51,10 @@ class _Happened(threading.local):
 
     losses = 0
     """How many connections were lost."""
+
+    def act(self) -> None:
+        """Note what no transaction undoes, such as what a robot does: it is not done again."""
+        self.commits += 1
 
 
 HAPPENED = _Happened()
@@ -94,6 +98,7 @@ class SureConnection(psycopg.Connection[Any]):
         super().__init__(*args, **kwargs)
         self.conninfo = ""
         self._seconds: float | None = None
+        self._is_sure = False
         self._doubt: str | None = None
         me = ref(self)
 
@@ -135,7 +140,8 @@ class SureConnection(psycopg.Connection[Any]):
             super().commit()
         except psycopg.OperationalError as error:
             self._settle(key, error)
-        self._seconds = None
+        finally:
+            self._seconds = None
         HAPPENED.commits += key is not None
 
     def rollback(self) -> None:
@@ -147,58 +153,85 @@ class SureConnection(psycopg.Connection[Any]):
     def transaction(
         self, savepoint_name: str | None = None, force_rollback: bool = False
     ) -> Iterator[psycopg.Transaction]:
-        """As psycopg's; one that is not a part of another ends as the class says."""
-        whole = self.info.transaction_status == TransactionStatus.IDLE and not force_rollback
-        key = None
+        """As psycopg's; one that is not a part of another ends as the class says.
+
+        Also where a statement in the ``with`` block lost the connection, and what is in the block
+        passed over that.
+        """
+        whole = self.info.transaction_status == TransactionStatus.IDLE
+        key: UUID | str | None = None
         HAPPENED.open += whole
+        self._is_sure = self._is_sure or whole
         try:
             with super().transaction(savepoint_name, force_rollback) as made:
                 yield made
-                key = self._note() if whole else None
+                if self.closed:
+                    raise psycopg.OperationalError("the connection was lost before")
+                key = self._note() if whole and not force_rollback else None
+        except UnsettledError:
+            raise
         except psycopg.OperationalError as error:
             if not whole or not self.closed:
                 raise
             self._settle(key, error)
         finally:
             HAPPENED.open -= whole
-        self._seconds = None
+            self._is_sure = self._is_sure and not whole
+            self._seconds = None if whole else self._seconds
         HAPPENED.commits += key is not None
 
     def wait(self, *args: Any, **kwargs: Any) -> Any:
         """As psycopg's, for each statement and commit."""
         if self._seconds is not None:
             kwargs.setdefault("timeout", self._seconds)
+        self._doubt = None
+        before = self.pgconn.transaction_status
         try:
             found = super().wait(*args, **kwargs)
         except psycopg.OperationalError as error:
-            HAPPENED.losses += self.closed
-            if self.closed or self.info.transaction_status != TransactionStatus.ACTIVE:
+            late = not self.closed and self.info.transaction_status == TransactionStatus.ACTIVE
+            if not (late or self.closed):
                 raise
-            self.close()
-            HAPPENED.losses += 1
-            raise _InDoubtError(f"no answer after {self._seconds:g} s") from error
+            self._lose(before)
+            if late:
+                raise _InDoubtError(f"no answer after {self._seconds or 0:g} s") from error
+            raise
         if self._doubt is not None:
-            self.close()
-            HAPPENED.losses += 1
+            self._lose(before)
             raise _InDoubtError(self._doubt)
         return found
 
-    def _note(self) -> UUID | None:
-        """Store the key of the open transaction; None where it wrote nothing."""
-        if self.info.transaction_status != TransactionStatus.INTRANS:
+    def _lose(self, before: TransactionStatus) -> None:
+        """Close; what was begun by the user's own BEGIN, or SQLAlchemy, is not done again."""
+        self.close()
+        HAPPENED.losses += 1
+        HAPPENED.commits += before != TransactionStatus.IDLE and not self._is_sure
+
+    def _note(self) -> UUID | str | None:
+        """Store the key of the open transaction; None where it wrote nothing; else why not."""
+        if self.info.transaction_status in (TransactionStatus.IDLE, TransactionStatus.INERROR):
             return None
+        if self.info.transaction_status != TransactionStatus.INTRANS:
+            return "it was sent with others"
         row = self.execute(_WRITES).fetchone()
         if row is None or not row[0]:
             return None
+        if not row[1]:
+            return "this login may not store its key, or the schema has none"
         key = uuid4()
         self.execute("SELECT semmap.note_write(%s)", (key,))
         self._seconds = COMMIT_SECONDS if has_several_hosts(self.conninfo) else None
         return key
 
-    def _settle(self, key: UUID | None, error: psycopg.OperationalError) -> None:
+    def _settle(self, key: UUID | str | None, error: psycopg.OperationalError) -> None:
         """Raise, unless the transaction of a key was committed; without one, nothing was."""
         if not self.closed:
             raise error
+        if isinstance(key, str):
+            HAPPENED.commits += 1  # perhaps: so nobody does it again
+            raise UnsettledError(
+                f"the connection was lost during a commit; whether it was done is not known: {key}"
+            ) from error
         if key is None or not self._was_written(self.conninfo, key):
             cause = (str(error).strip().splitlines() or [""])[0]
             raise NotWrittenError(f"nothing was written: {cause}") from error
@@ -211,12 +244,12 @@ class SureConnection(psycopg.Connection[Any]):
             try:
                 with closing(cls.connect(conninfo, autocommit=True, **chance)) as session:
                     return session._answer(key)
-            except psycopg.OperationalError as unanswered:
+            except psycopg.Error as unanswered:
                 if time.monotonic() > until:
                     HAPPENED.commits += 1  # perhaps: so nobody does it again
                     raise UnsettledError(
                         f"the connection was lost while transaction {key} was committed, and no "
-                        "server could be asked whether it was. When one is there, ask it: "
+                        "server could be asked whether it was. Ask one within an hour: "
                         f"SELECT semmap.was_written('{key}')"
                     ) from unanswered
                 time.sleep(PAUSE)
@@ -237,11 +270,14 @@ def through_losses(function: Callable[..., Found], *args: Any, **kwargs: Any) ->
     """
     if HAPPENED.open:
         return function(*args, **kwargs)
-    for _ in range(ATTEMPTS - 1):
+    for attempt in range(ATTEMPTS):
         commits, losses = HAPPENED.commits, HAPPENED.losses
         try:
             return function(*args, **kwargs)
         except Exception:
             if HAPPENED.losses == losses or HAPPENED.commits != commits:
                 raise
-    return function(*args, **kwargs)
+            if attempt == ATTEMPTS - 1:
+                HAPPENED.commits += 1  # so that a caller of this does not try as often again
+                raise
+    raise AssertionError("each attempt returns or raises")

@@ -325,12 +325,12 @@ def check_cursor(given: str | None) -> None:
         raise ValueError(f"{given} is not a cursor: give one that an earlier call printed, or none")
 
 
-SETTLE = "SELECT set_config('synchronous_commit', 'local', true), settle()"
+SETTLE = "SELECT set_config('synchronous_commit', 'on', true), settle()"
 """Writes what a cursor of this transaction saw to disk when it commits.
 
-A server that crashes assigns numbers of transactions again that it had not written yet; a cursor
-that saw the first would take the second for seen. Needed where a cursor is stored outside of the
-database."""
+Standbys for which commits wait have it then, too. A server that crashes, or takes over, assigns
+numbers of transactions again that it had not written yet; a cursor that saw the first would take
+the second for seen. Needed where a cursor is stored outside of the database."""
 
 
 def _rows(

@@ -5,14 +5,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import closing, nullcontext
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from random import Random
 
 import psycopg
 import pytest
 import sqlalchemy
-from sqlalchemy import text
+from sqlalchemy import URL, text
 
 import semmap
 from semmap.database import Cluster, DatabaseError, open_engine, open_session
@@ -20,6 +20,11 @@ from semmap.database.sure_connection import NotWrittenError, SureConnection, Uns
 from tests.database.lossy_wire import Loss, LossyWire, lossy_wire
 
 LOSSES: tuple[Loss, ...] = ("request", "answer")
+
+ENDED = (
+    "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity "
+    "WHERE pid <> pg_backend_pid() AND datname = current_database()"
+)
 
 SLOW_COMMIT = """
 CREATE TABLE slow (id integer);
@@ -40,6 +45,14 @@ def wire(database: str) -> Iterator[LossyWire]:
 
 def plain(url: str) -> str:
     return url.replace("+psycopg", "")
+
+
+def with_another_server(url: str, name: str | None = None) -> URL:
+    """The URL of a database, of two servers of which the first is not there."""
+    here = sqlalchemy.make_url(url)
+    port = here.query.get("port", 5432)
+    servers = {"host": f"127.0.0.1,{here.query['host']}", "port": f"1,{port}"}
+    return here.set(drivername="postgresql", database=name or here.database, query=servers)
 
 
 def notes(url: str) -> list[int]:
@@ -194,19 +207,15 @@ def test_a_session_that_the_server_ended_is_opened_again(database: str) -> None:
     with semmap.connect(database) as db, psycopg.connect(plain(database), autocommit=True) as other:
         place = db.create_map("flat")
         place.add_room("hall", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=3)
-        ended = (
-            "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity "
-            "WHERE pid <> pg_backend_pid() AND datname = current_database()"
-        )
         for ask in (
             lambda: place["hall"].name,
             lambda: place.find(name="h*")[0].name,
             lambda: place.sql("SELECT name FROM entry")[0][0],
             lambda: db.sql("SELECT name FROM entity")[0][0],
         ):
-            other.execute(ended)
+            other.execute(ENDED)
             assert ask() == "hall"
-        other.execute(ended)
+        other.execute(ENDED)
         with pytest.raises(psycopg.OperationalError):  # it may have been one that writes
             place.execute("SELECT name FROM entity")
         assert place.execute("SELECT name FROM entity") == [("hall",)]
@@ -214,12 +223,86 @@ def test_a_session_that_the_server_ended_is_opened_again(database: str) -> None:
         def change() -> None:
             with place.transaction():
                 place.add_room("den", [(4, 0), (8, 0), (8, 3), (4, 3)], floor=0, ceiling=3)
-                other.execute(ended)
+                other.execute(ENDED)
                 place["hall"].label = "den"
 
         with pytest.raises(DatabaseError, match="nothing was written"):
             change()
         assert len(place) == 1
+
+
+def test_a_loss_that_is_passed_over_in_a_transaction_is_told_at_its_end(
+    database: str, session: SureConnection
+) -> None:
+    def write() -> None:
+        with session.transaction():
+            session.execute("INSERT INTO note VALUES (1)")
+            with psycopg.connect(plain(database), autocommit=True) as other:
+                other.execute(ENDED)
+            with suppress(psycopg.OperationalError):
+                session.execute("INSERT INTO note VALUES (2)")
+
+    with pytest.raises(NotWrittenError):
+        write()
+    assert notes(database) == []
+
+
+@contextmanager
+def begun(place: semmap.Map) -> Iterator[None]:
+    """A transaction of which the map is told nothing."""
+    place.execute("BEGIN")
+    yield
+    place.execute("COMMIT")
+
+
+BEGUN = {
+    "undone in the end": lambda place: place.connection.transaction(force_rollback=True),
+    "by the user": begun,
+}
+
+
+@pytest.mark.parametrize("begin", BEGUN)
+def test_what_the_map_does_in_a_transaction_of_others_is_not_done_again(
+    database: str, begin: str
+) -> None:
+    with semmap.connect(database) as db:
+        place = db.create_map("flat")
+        place.add_room("hall", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=3)
+
+        def change() -> None:
+            with BEGUN[begin](place):
+                place.add_object("first", size=(0.1, 0.1, 0.1), pose=(1, 1, 0.05))
+                with psycopg.connect(plain(database), autocommit=True) as other:
+                    other.execute(ENDED)
+                place.add_object("second", size=(0.1, 0.1, 0.1), pose=(2, 1, 0.05))
+
+        with pytest.raises((psycopg.OperationalError, DatabaseError)):
+            change()
+        assert [each.name for each in place] == ["hall"]
+
+
+def test_a_login_that_stores_no_keys_is_left_in_doubt_and_told_so(
+    database: str, wire: LossyWire, session: SureConnection
+) -> None:
+    session.execute("GRANT INSERT ON note TO semmap_reader")
+    session.execute("SET ROLE semmap_reader")
+    wire.lose = ["answer"]
+    with pytest.raises(UnsettledError, match="may not store its key"), session.transaction():
+        session.execute("INSERT INTO note VALUES (1)")
+    assert notes(database) == [1]
+
+
+def test_a_commit_that_takes_long_is_left_alone_where_another_server_can_take_over(
+    database: str, session: SureConnection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session.execute(SLOW_COMMIT)
+    monkeypatch.setattr("semmap.database.sure_connection.COMMIT_SECONDS", 0.3)
+    with closing(open_session(with_another_server(database))) as several:
+        with several.transaction():
+            several.execute("INSERT INTO slow VALUES (1)")
+            several.execute("INSERT INTO note VALUES (1)")
+        assert several.closed  # it was not waited for
+    assert notes(database) == [1]
 
 
 def test_a_commit_that_no_standby_has_is_not_called_done(folder: Path) -> None:
@@ -277,12 +360,7 @@ def test_where_nobody_can_be_asked_the_error_tells_the_key(
 
 
 def test_several_servers_of_which_one_refuses_the_login_are_not_waited_for(database: str) -> None:
-    here = sqlalchemy.make_url(database)
-    servers = {
-        "host": f"127.0.0.1,{here.query['host']}",
-        "port": f"1,{here.query.get('port', 5432)}",
-    }
-    url = here.set(drivername="postgresql", database="nowhere", query=servers)
+    url = with_another_server(database, name="nowhere")
     began = time.monotonic()
     with pytest.raises(DatabaseError, match="does not exist"):
         open_session(url)
