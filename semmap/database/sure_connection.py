@@ -201,7 +201,7 @@ class SureConnection(psycopg.Connection[Any]):
             raise _InDoubtError(self._doubt)
         return found
 
-    def _lose(self, before: TransactionStatus) -> None:
+    def _lose(self, before: int) -> None:
         """Close; what was begun by the user's own BEGIN, or SQLAlchemy, is not done again."""
         self.close()
         HAPPENED.losses += 1
