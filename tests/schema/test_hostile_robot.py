@@ -146,11 +146,11 @@ def test_robots_that_hold_the_turn_do_not_stop_others(
     stop = Event()
     started = hold_turns(login, turn, seconds, stop)
     time.sleep(0.5)
-    count = moves(owner, 2.5)
+    count = moves(owner, 5)
     stop.set()
     for each in started:
         each.result()
-    assert count > 25
+    assert count > 50
 
 
 HELD = {
