@@ -8,7 +8,7 @@ from sqlalchemy import make_url
 
 TABLES = """
 SELECT c.relname FROM pg_class c JOIN pg_namespace n ON n.oid = c.relnamespace
-WHERE n.nspname = 'semmap' AND c.relkind = 'r' ORDER BY 1
+WHERE n.nspname = 'semmap' AND c.relkind = 'r' AND c.relname <> 'written' ORDER BY 1
 """
 
 CONTENT = """
@@ -17,7 +17,7 @@ SELECT count(*), coalesce(sum(hashtextextended(t::text, 0)::numeric), 0) FROM se
 
 
 def stored(url: str) -> dict[str, tuple[int, int]]:
-    """The number of rows and a hash of the content of each table."""
+    """The number of rows and a hash of the content of each table but the keys of transactions."""
     plain = make_url(url).set(drivername="postgresql").render_as_string(hide_password=False)
     with psycopg.connect(plain) as connection:
         names = [row[0] for row in connection.execute(TABLES).fetchall()]

@@ -62,12 +62,14 @@ def test_errors_have_one_base() -> None:
 
 SIGNALS = {
     "EndOfPercepts",
+    "NotWrittenError",
     "ProcessEnded",
     "PrunedError",
     "Refused",
     "RelationsToKeep",
     "ServerError",
     "UntranslatedError",
+    "UnsettledError",
     "Unusable",
     "WholeError",
 }

@@ -1,4 +1,4 @@
-"""The door of the API: arguments are checked, and all that is refused is a `semmap.Error`.
+"""The door of the API: checks arguments, calls again after losses, tells errors to users.
 
 What an argument may be is read from its annotation: one row of `FORMS` for each word in it. Why:
 docs/decisions/arguments_are_checked_by_their_annotations.md
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 import psycopg
 
-from semmap.database.sure_connection import through_losses
+from semmap.database.sure_connection import HAPPENED
 from semmap.error import Error, InvalidArgumentError, UnknownNameError
 from semmap.query.refusal import refused
 from semmap.syntax_tree import parse_expression
@@ -37,6 +37,9 @@ Properties: TypeAlias = Mapping[str, Any]
 
 Checked = TypeVar("Checked", bound=Callable[..., Any])
 Class = TypeVar("Class", bound=type)
+
+ATTEMPTS = 5
+"""How often a method is called whose connections to the database are lost."""
 
 SHOWN = 60
 """Characters of a refused value that a message shows."""
@@ -260,7 +263,7 @@ def checked(function: Checked) -> Checked:
                 named = zip(positional, args, strict=False)
                 args = (*(taken(n, forms, v) for n, v in named), *args[len(positional) :])
                 kwargs = {name: taken(name, forms, value) for name, value in kwargs.items()}
-            return through_losses(function, *args, **kwargs)
+            return _through_losses(function, *args, **kwargs)
         except Exception as error:
             told = _for_users(error)
             if told is None:
@@ -269,6 +272,27 @@ def checked(function: Checked) -> Checked:
             raise told.with_traceback(error.__traceback__) from cause
 
     return cast("Checked", call)
+
+
+def _through_losses(function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    """Call a function; again if a connection was lost, and what it did wrote nothing.
+
+    Where a transaction is open, its owner calls again. What `function` does on connections in
+    autocommit mode must be nothing that writes.
+    """
+    if HAPPENED.open:
+        return function(*args, **kwargs)
+    for attempt in range(ATTEMPTS):
+        commits, losses = HAPPENED.commits, HAPPENED.losses
+        try:
+            return function(*args, **kwargs)
+        except Exception:
+            if HAPPENED.losses == losses or HAPPENED.commits != commits:
+                raise
+            if attempt == ATTEMPTS - 1:
+                HAPPENED.commits += 1  # so that a caller of this does not try as often again
+                raise
+    raise AssertionError("each attempt returns or raises")
 
 
 def checked_class(made: Class) -> Class:

@@ -38,10 +38,11 @@ def link_records(
 class DatabaseInterlinking:
     """The part of `Database` that links data sets."""
 
-    @property
-    def session(self) -> SureConnection:
-        """A psycopg connection with autocommit, its search path on the schema."""
-        raise NotImplementedError
+    if TYPE_CHECKING:
+
+        @property
+        def session(self) -> SureConnection:
+            """A psycopg connection with autocommit, its search path on the schema."""
 
     def interlink(
         self,

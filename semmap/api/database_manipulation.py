@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 class DatabaseManipulation:
     """The part of `Database` about manipulation."""
 
-    @property
-    def session(self) -> SureConnection:
-        """A psycopg connection with autocommit, its search path on the schema."""
-        raise NotImplementedError
+    if TYPE_CHECKING:
+
+        @property
+        def session(self) -> SureConnection:
+            """A psycopg connection with autocommit, its search path on the schema."""
 
     def grasps_of_shape(
         self,

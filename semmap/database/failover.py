@@ -14,7 +14,7 @@ from semmap.database.files import image_folder
 
 PROMISES = (
     "A write is acknowledged when two servers have it on disk. Whichever one server is lost or cut "
-    "off, none of them is lost.",
+    "off, none of them is lost; unless the one other server was still copying the database.",
     "When the primary fails, writes wait about ten seconds for the next one. semmap finds it, and "
     "writes again what was not written; another client connects again and repeats what was not "
     "acknowledged.",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import inspect
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 from uuid import UUID, uuid4
 from weakref import ref
 
@@ -23,11 +23,6 @@ COMMIT_SECONDS = 5.0
 
 WAITS_FOR_STANDBYS = "SyncRepWaitForLSN"
 """The function of PostgreSQL that waits until standbys have a commit; its texts have languages."""
-
-ATTEMPTS = 5
-"""How often a call is made whose connections are lost."""
-
-Found = TypeVar("Found")
 
 _OF_PSYCOPG = {
     *inspect.signature(psycopg.Connection.connect).parameters,
@@ -260,24 +255,3 @@ class SureConnection(psycopg.Connection[Any]):
         row = self.execute("SELECT semmap.was_written(%s)", (key,)).fetchone()
         assert row is not None
         return bool(row[0])
-
-
-def through_losses(function: Callable[..., Found], *args: Any, **kwargs: Any) -> Found:
-    """Call a function; again if a connection was lost, and what it did wrote nothing.
-
-    Where a transaction is open, its owner calls again. What `function` does on connections in
-    autocommit mode must be nothing that writes.
-    """
-    if HAPPENED.open:
-        return function(*args, **kwargs)
-    for attempt in range(ATTEMPTS):
-        commits, losses = HAPPENED.commits, HAPPENED.losses
-        try:
-            return function(*args, **kwargs)
-        except Exception:
-            if HAPPENED.losses == losses or HAPPENED.commits != commits:
-                raise
-            if attempt == ATTEMPTS - 1:
-                HAPPENED.commits += 1  # so that a caller of this does not try as often again
-                raise
-    raise AssertionError("each attempt returns or raises")
