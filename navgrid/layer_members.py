@@ -44,6 +44,10 @@ class LayerMembers:
         self.ramps: NDArray[np.float64] = np.empty((0, 3, 3))
         self.sort()
 
+    def __contains__(self, number: int) -> bool:
+        """Whether there is an entity of this id, on a layer or not."""
+        return number in self._entities
+
     @property
     def floors(self) -> list[float]:
         """The heights z of the scene's floors, ascending; without rooms that of the storey."""

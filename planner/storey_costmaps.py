@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import chain, product
+from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -29,7 +29,7 @@ from planner.base_pose import RoomGround
 from planner.exchange.visibility_graph import corner_paths
 from planner.graph_edges import StraightTravelCost, Travel
 from planner.robot_class import RobotClass
-from planner.straight_passage import free_offsets
+from planner.straight_passage import Interval, free_offsets, opening
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.overlay import GRID
 from semmap.geometry.pose import Pose
@@ -82,6 +82,20 @@ class DoorSide(NamedTuple):
     away: dict[int, float]
 
 
+class Surroundings(NamedTuple):
+    """On which cells of a storey its places and doors depend, (N, 4) ends of rows and columns.
+
+    The shapes in an opening decide whether a door is passed straight, those near its approach poses
+    where a robot stands at it.
+    """
+
+    places: list[str]
+    rooms: NDArray[np.int64]
+    doors: list[str]
+    openings: NDArray[np.int64]
+    approaches: NDArray[np.int64]
+
+
 class StoreyCostmaps:
     """The costmaps of all storeys of a topology, for one class of robots: a `TravelCost`.
 
@@ -109,6 +123,7 @@ class StoreyCostmaps:
             )
         self.topology, self.robot, self.slow = topology, robot, slow
         self.resolution = resolution
+        self._storeys = {self.storey_of(place) for place in topology.places if place != OUTSIDE}
         self._read_scene = read_scene
         self.straight = straight
         self._fields = dict(fields or {})
@@ -118,6 +133,8 @@ class StoreyCostmaps:
         self._spaces: dict[str, DriveSpace] = {}
         self._avoided: dict[str, list[PlaceRegion]] = {}
         self._known: dict[tuple[Any, ...], Any] = {}  # measured on the present costs
+        self._offsets: dict[str, list[Interval]] = {}  # where doors are passed straight
+        self._surroundings: dict[str, Surroundings] = {}
 
     def report_to(self, progress: Callable[[str, int], None]) -> None:
         """Call `progress` for each new place, with its name and how many places there were."""
@@ -147,8 +164,7 @@ class StoreyCostmaps:
 
     def is_complete(self) -> bool:
         """Whether the costmaps of all storeys are made by now."""
-        places = (p for p in self.topology.places if p != OUTSIDE)
-        return {self.storey_of(p) for p in places} <= {*self._costmaps}
+        return self._storeys <= self._costmaps.keys()
 
     def complete(self) -> None:
         """Make all costmaps that are not made yet."""
@@ -382,10 +398,9 @@ class StoreyCostmaps:
         The shapes of what stands there leave it room, though cells may not; None without one.
         """
         door = self.topology.connectors[name]
-        costmap = self._costmap_of(door)
         (a, b), middle = door.poses, door.way.interpolate(0.5, normalized=True)
         x, y = (b.x - a.x) / door.metres, (b.y - a.y) / door.metres
-        for low, high in free_offsets(costmap, door):
+        for low, high in self._free_offsets(door):
             for left in (min(max(low, 0.0), high), (low + high) / 2):
                 at = shapely.Point(middle.x - left * y, middle.y + left * x)
                 reaches = np.array([-1, 1]) * door.way.length / 2
@@ -419,7 +434,13 @@ class StoreyCostmaps:
             point = shapely.Point(pose.x, pose.y)
             if self._first_free(place, point, point) is None:
                 return False
-        return any(low <= 0 <= high for low, high in free_offsets(self._costmap_of(door), door))
+        return any(low <= 0 <= high for low, high in self._free_offsets(door))
+
+    def _free_offsets(self, door: PlaceConnector) -> list[Interval]:
+        """As `free_offsets`; kept until something changes near the door."""
+        if door.name not in self._offsets:
+            self._offsets[door.name] = free_offsets(self._costmap_of(door), door)
+        return self._offsets[door.name]
 
     def _costmap_of(self, door: PlaceConnector) -> Costmap:
         return self.costmap(self.storey_of(next(p for p in door.places if p != OUTSIDE)))
@@ -589,6 +610,8 @@ class StoreyCostmaps:
         for storey, costmap in self._costmaps.items():
             here = [t for t in objects if costmap.scene.reaches(t)]
             here += regions.get(storey, ())
+            if not here and not any(number in costmap.obstacles.members for number in ids):
+                continue
             before = costmap.master.copy(), costmap.fits.copy()
             window = costmap.update(here, {*ids} - {t.id for t in here})
             if window is not None:
@@ -626,41 +649,78 @@ class StoreyCostmaps:
         found = set()
         for storey, costmap in self._costmaps.items():
             windows = [w for name in fields if (w := costmap.field_window(name)) is not None]
-            for place, room in self._rooms_of(storey) if windows else ():
-                if any(_overlap(room.window, window) for window in windows):
-                    found.add(place)
+            if windows:
+                around = self._surroundings_of(storey)
+                found |= {*_among(around.places, around.rooms, windows)}
         return found
 
     def _places_that_differ(
         self, storey: str, before: tuple[NDArray[Any], NDArray[Any]], windows: Sequence[Window]
     ) -> set[str]:
         """The places of a storey whose costs, or where the robot fits, changed in windows."""
-        costmap = self.costmap(storey)
-        if windows:
-            self._known.clear()
-        master, fits = before
-        differs = (master != costmap.master) | (fits != costmap.fits).any(axis=0)
-        found = set()
-        for place, room in self._rooms_of(storey) if windows else ():
-            if any(_overlap(room.window, grown(w, STEP, costmap.grid)) for w in windows):
-                self._spaces.pop(place, None)
-            # at doors, shapes decide, and not cells alone
-            doors = [d.way.buffer(SNAP).bounds for d in self._doors(place).values()]
-            at_doors = [w for each in doors if (w := window_around([each], costmap.grid))]
-            if (differs[room.window] & room.cells).any() or any(
-                _overlap(door, window) for door, window in product(at_doors, windows)
-            ):
+        if not windows:
+            return set()
+        self._known.clear()
+        costmap, around = self.costmap(storey), self._surroundings_of(storey)
+        for name in _among(around.doors, around.openings, windows):
+            self._offsets.pop(name, None)
+        wide = [grown(window, STEP, costmap.grid) for window in windows]
+        for place in _among(around.places, around.rooms, wide):
+            self._spaces.pop(place, None)
+        # at doors, shapes decide, and not cells alone
+        doors = _among(around.doors, around.approaches, windows)
+        found = {p for name in doors for p in self.topology.connectors[name].places}
+        found &= {*around.places}
+        for place in {*_among(around.places, around.rooms, windows)} - found:
+            room = self.room(place)
+            assert room is not None
+            master, fits = before[0][room.window], before[1][:, *room.window]
+            differs = master != costmap.master[room.window]
+            differs |= (fits != costmap.fits[:, *room.window]).any(axis=0)
+            if (differs & room.cells).any():
                 found.add(place)
         return found
 
-    def _rooms_of(self, storey: str) -> list[tuple[str, RoomCostmap]]:
-        """The places of a storey of which the map has an outline."""
-        places = [p for p in self.topology.places if self.storey_of(p) == storey]
-        return [(place, room) for place in places if (room := self.room(place)) is not None]
+    def _surroundings_of(self, storey: str) -> Surroundings:
+        """The windows of a storey's places and doors."""
+        if storey not in self._surroundings:
+            grid = self.costmap(storey).grid
+            places = [p for p in self.topology.places if self.storey_of(p) == storey]
+            rooms = {p: room for p in places if (room := self.room(p)) is not None}
+            doors = {door.name: door for place in rooms for door in self._doors(place).values()}
+            self._surroundings[storey] = Surroundings(
+                [*rooms],
+                _ends_of([room.window for room in rooms.values()]),
+                [*doors],
+                *(
+                    _ends_of([window_around([shape.bounds], grid) for shape in shapes])
+                    for shapes in (
+                        [opening(door) for door in doors.values()],
+                        [door.way.buffer(SNAP) for door in doors.values()],
+                    )
+                ),
+            )
+        return self._surroundings[storey]
 
 
-def _overlap(a: Window, b: Window) -> bool:
-    return all(x.start < y.stop and y.start < x.stop for x, y in zip(a, b, strict=True))
+def _ends_of(windows: Sequence[Window | None]) -> NDArray[np.int64]:
+    """The (N, 4) first row, row after the last, and columns of windows; 0 for None."""
+    none = slice(0, 0), slice(0, 0)
+    sides = [(r.start, r.stop, c.start, c.stop) for r, c in (w or none for w in windows)]
+    return np.array(sides, np.int64).reshape(-1, 4)
+
+
+def _among(names: Sequence[str], ends: NDArray[np.int64], windows: Sequence[Window]) -> list[str]:
+    """The names whose windows overlap some of others."""
+    found = np.zeros(len(names), np.bool_)
+    for rows, columns in windows:
+        found |= (
+            (ends[:, 0] < rows.stop)
+            & (rows.start < ends[:, 1])
+            & (ends[:, 2] < columns.stop)
+            & (columns.start < ends[:, 3])
+        )
+    return [names[k] for k in np.flatnonzero(found).tolist()]
 
 
 def _nearest(

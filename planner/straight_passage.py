@@ -36,43 +36,61 @@ def free_offsets(costmap: Costmap, door: PlaceConnector) -> list[Interval]:
     frame = Pose.planar(middle.x, middle.y, math.atan2(b.y - a.y, b.x - a.x))
     floors = [f.floor for f in costmap.scene.floors if f.name in (door.name, *door.places)]
     floors = floors or [costmap.scene.elevation]
-    taken: list[Interval] = []
+    ground, taken = opening(door), [np.zeros((0, 2))]
     for number, part in enumerate(costmap.parts):
         right, left = float(part.footprint[:, 1].min()), float(part.footprint[:, 1].max())
-        taken += [(-math.inf, -half - right), (half - left, math.inf)]
+        taken.append(np.array([(-math.inf, -half - right), (half - left, math.inf)]))
         low, high = costmap.intervals[number]
         heights = min(floors) + low, max(floors) + high
-        for padding, triangles in _obstacles(costmap, number, heights, frame, along + half):
+        for padding, triangles in _obstacles(costmap, number, heights, ground):
             local = frame.inverse().apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)
-            for one, two in _extents(local, along + padding, heights):
-                taken.append((one - left - padding, two - right + padding))
-    free, start = [], math.inf
-    for one, two in sorted(taken):
-        if one + SAME >= start - SAME:
-            free.append((start - SAME, one + SAME))
-        start = two if math.isinf(start) else max(start, two)
-    return sorted(free, key=lambda f: max(f[0], -f[1], 0.0))
+            edge = np.array([along + padding, half + padding])
+            within = np.array([[*-edge, heights[0]], [*edge, heights[1]]])
+            taken.append(_extents(local, within) - [left + padding, right - padding])
+    between = np.concatenate(taken)
+    between = between[np.argsort(between[:, 0])]
+    ends = np.maximum.accumulate(between[:-1, 1]) - SAME
+    starts = between[1:, 0] + SAME
+    free = np.stack([ends, starts], axis=1)[starts >= ends].tolist()
+    return sorted(map(tuple, free), key=lambda f: max(f[0], -f[1], 0.0))
+
+
+def opening(door: PlaceConnector) -> shapely.Polygon:
+    """The ground between the posts of an opening, from one approach pose to the other."""
+    return door.way.buffer(door.leaf().length / 2, cap_style="flat")
 
 
 def _obstacles(
-    costmap: Costmap, number: int, heights: Interval, frame: Pose, reach: float
+    costmap: Costmap, number: int, heights: Interval, ground: shapely.Polygon
 ) -> Iterator[tuple[float, Floats]]:
-    """The padding and the (F, 3, 3) triangles of each obstacle of a part near a frame's origin."""
+    """The padding and the (F, 3, 3) triangles of a part's obstacles near some ground."""
     members = costmap.obstacles.members.layers
     for layer in costmap.layers:
-        near = reach + layer.padding
-        for entity in members.get(layer.name, {}).values():
-            if (b := entity.bounds) is not None and (
-                b[0] <= frame.x + near
-                and frame.x - near <= b[2]
-                and b[1] <= frame.y + near
-                and frame.y - near <= b[3]
-            ):
-                yield layer.padding, _triangles(entity, heights)
+        bounds = ground.buffer(layer.padding + SAME, join_style="mitre").bounds
+        low = np.array([*bounds[:2], heights[0] - SAME])
+        high = np.array([*bounds[2:], heights[1] + SAME])
+        found = [
+            _near(_triangles(entity, heights), low, high)
+            for entity in members.get(layer.name, {}).values()
+            if (b := entity.bounds) is not None
+            and (b[:2] <= high[:2]).all()
+            and (b[2:] >= low[:2]).all()
+        ]
         if layer.name not in members:
             grid, cells = costmap.grid, np.argwhere(costmap.occupied[layer.name][number])
             corners = np.array(grid.origin) + cells[:, ::-1] * grid.resolution
-            yield layer.padding, _squares(corners, grid.resolution, sum(heights) / 2)
+            found.append(_squares(corners, grid.resolution, sum(heights) / 2))
+        yield layer.padding, np.concatenate([np.zeros((0, 3, 3)), *found])
+
+
+def _near(triangles: Floats, low: Floats, high: Floats) -> Floats:
+    """Those of (F, 3, 3) triangles whose boxes meet one."""
+    for axis in range(3):
+        a, b, c = triangles[:, :, axis].T
+        far = np.minimum(np.minimum(a, b), c) > high[axis]
+        far |= np.maximum(np.maximum(a, b), c) < low[axis]
+        triangles = triangles[~far]
+    return triangles
 
 
 def _triangles(entity: SceneEntity, heights: Interval) -> Floats:
@@ -97,20 +115,23 @@ def _squares(corners: Floats, size: float, z: float) -> Floats:
     return np.pad(flat, ((0, 0), (0, 0), (0, 1)), constant_values=z)
 
 
-def _extents(triangles: Floats, along: float, heights: Interval) -> list[Interval]:
-    """The extents in y of the parts of triangles within -along and along in x, and heights in z."""
+def _extents(triangles: Floats, within: Floats) -> Floats:
+    """The (N, 2) extents in y of the parts of triangles within a box (2, 3), unbounded in y.
+
+    Those of which none is in the box are left out.
+    """
     from trimesh.intersections import slice_faces_plane  # slow to load
 
-    vertices, faces = mesh_of(triangles)
-    for axis, sign, end in (
-        (0, 1, -along),
-        (0, -1, along),
-        (2, 1, heights[0]),
-        (2, -1, heights[1]),
-    ):
+    within = within + np.array([[-SAME], [SAME]])
+    triangles = _near(triangles, *within)
+    inside = (triangles >= within[0]) & (triangles <= within[1])
+    whole = inside[:, :, ::2].all(axis=(1, 2))
+    vertices, faces = mesh_of(triangles[~whole])
+    for axis, sign, end in ((0, 1, 0), (0, -1, 1), (2, 1, 0), (2, -1, 1)):
         normal = sign * np.eye(3)[axis]
         vertices, faces, _ = slice_faces_plane(  # type: ignore[no-untyped-call]
-            vertices, faces, normal, normal * (sign * end - SAME)
+            vertices, faces, normal, normal * (sign * within[end, axis])
         )
-    y = vertices[faces, 1]
-    return [*zip(y.min(axis=1).tolist(), y.max(axis=1).tolist(), strict=True)] if len(faces) else []
+    cut = vertices[faces, 1]
+    parts = np.concatenate([triangles[whole][:, :, 1], cut.reshape(-1, 3)])
+    return np.stack([parts.min(axis=1), parts.max(axis=1)], axis=1)

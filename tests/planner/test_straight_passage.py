@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from scipy.optimize import linprog
 
 from navgrid.terrain import DriveLimits
 from planner.robot_class import BODY, RobotClass
 from planner.storey_costmaps import StoreyCostmaps
+from planner.straight_passage import free_offsets
 from planner.topology import Place, PlaceConnector, Topology
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
@@ -169,3 +171,69 @@ def test_a_moved_post_changes_the_places_of_its_door():
     nearer = solid(30, 1.5, 1.8501, 0, 2, frame, types=("box",))
     assert made.update([30], [replace(nearer, name="post")]) == {"one", "two"}
     assert not passes(made)
+
+
+def meets(corners, low, high):
+    """Whether a point of a triangle (3, 3) is in a box, by a linear program."""
+    inside = np.concatenate([corners.T, -corners.T])
+    bounds = np.concatenate([high, -low])
+    return linprog(np.zeros(3), inside, bounds, np.ones((1, 3)), [1.0]).success
+
+
+@pytest.mark.parametrize("robot", [PERSON, CARRIER], ids=["disc", "shape"])
+@pytest.mark.parametrize("seed", range(10))
+def test_offsets_are_free_where_no_triangle_meets_the_robot(seed, robot):
+    """Triangles of any tilt, before, in and beside the opening, also beyond its posts."""
+    draw = np.random.default_rng(seed)
+    frame, width, things = Pose.planar(*draw.uniform(-1, 1, 2), draw.uniform(-4, 4)), 1.6, []
+    for number in range(6):
+        middle = draw.uniform((3.3, 0.5, 0.0), (4.9, 3.5, 1.6))
+        corners = middle + draw.uniform(-0.3, 0.3, (4, 3, 3)) * draw.choice([0.3, 1.0])
+        moved = frame.apply(corners.reshape(-1, 3)).reshape(-1, 3, 3)
+        things.append(SceneEntity(30 + number, f"t{number}", "object", ("box", "object"), moved))
+    made = building(width, things, frame, robot, walled=False)
+    door, costmap = made.topology.connectors["door"], made.costmap("")
+    padding = {
+        entity: layer.padding
+        for layer in costmap.policy.layers
+        for entity in costmap.obstacles.members.layers[layer.name]
+    }
+    found = free_offsets(costmap, door)
+    ends = np.array(found).ravel()
+    asked = [0.5 * (a + b) for a, b in found] + [*draw.uniform(-1.5, 1.5, 12)]
+    for at in asked:
+        if len(ends) and np.abs(ends - at).min() < 1e-6:
+            continue
+        free = True
+        for part, (low, high) in zip(robot.parts, costmap.intervals, strict=True):
+            right, left = at + part.footprint[:, 1].min(), at + part.footprint[:, 1].max()
+            free &= -width / 2 <= right and left <= width / 2
+            for thing in things:
+                wide = padding.get(thing.id, math.nan)
+                corners = frame.inverse().apply(thing.triangles.reshape(-1, 3)) - (4.1, 2.0, 0.0)
+                box = [-0.6 - wide, right - wide, low], [0.6 + wide, left + wide, high]
+                for each in corners.reshape(-1, 3, 3):
+                    free &= not meets(each, *map(np.array, box))
+        assert any(a <= at <= b for a, b in found) == free, at
+
+
+def test_there_is_no_gap_beside_an_opening():
+    """Of two boxes beyond the left post, a narrow robot passes between, but not the wall."""
+    boxes = [solid(30 + k, y, y + 0.02, 0, 0.4, Pose()) for k, y in enumerate((2.82, 3.36))]
+    made = building(1.6, boxes, Pose(), CARRIER, walled=False)
+    offsets = np.ravel(free_offsets(made.costmap(""), made.topology.connectors["door"]))
+    assert offsets == pytest.approx([-0.5, 0.575], abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_was_kept_of_a_door_is_that_of_a_new_map(seed):
+    """A box stands in the opening, beside it, and elsewhere in the rooms, in turn."""
+    draw = np.random.default_rng(seed)
+    made, moves = building(0.9, [solid(30, 1.5, 1.6, 0, 2, Pose())], Pose()), []
+    for _ in range(15):
+        y, x = draw.choice([draw.uniform(1.4, 2.4), draw.uniform(0, 4)]), draw.uniform(-1.5, 1.5)
+        box = solid(30, y, y + draw.uniform(0.02, 0.4), 0, 2, Pose(), x, x + 0.3, ("box",))
+        made.update([30], [box])
+        moves.append(passes(made))
+        assert moves[-1] == passes(building(0.9, [box], Pose()))
+    assert {*moves} == {True, False}
