@@ -51,7 +51,7 @@ def drive(
     turns: NDArray[np.uint16],
     resolution: float,
     cells: NDArray[np.int64],
-    targets: NDArray[np.int64],
+    targets: NDArray[np.int64] | None,
     slow: float,
     threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...

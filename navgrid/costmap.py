@@ -29,7 +29,7 @@ from navgrid.layer_members import LayerMembers
 from navgrid.obstacle_layers import Interval, ObstacleLayers
 from navgrid.policy import Layer, Policy
 from navgrid.terrain import DriveLimits
-from navgrid.window import Window, grown, whole, window_around
+from navgrid.window import Window, grown, seen_from, whole, window_around
 from semmap.draw.picture import Picture
 from semmap.error import InvalidArgumentError
 from semmap.query.geometry_notes import geometry_notes, level_notes
@@ -279,9 +279,7 @@ class Costmap:
     def _inflate(self, window: Window) -> None:
         """Compute the costs in a window from the occupied cells within reach of it."""
         outer = grown(window, self.reach, self.grid)
-        inner = tuple(
-            slice(w.start - o.start, w.stop - o.start) for w, o in zip(window, outer, strict=True)
-        )
+        inner = seen_from(outer, window)
         hidden, resolution = self.unknown[window], self.grid.resolution
         lethal = np.zeros(hidden.shape, np.bool_)
         for number, part in enumerate(self.parts):

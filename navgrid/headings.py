@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 import semmap_native
 from navgrid.grid import Grid
 from navgrid.slabs import area_cells
-from navgrid.window import Window, grown
+from navgrid.window import Window, grown, seen_from
 
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap
@@ -173,9 +173,7 @@ class DriveSpace(NamedTuple):
 def drive_space(costmap: Costmap, window: Window) -> DriveSpace:
     """Return where the robot of a costmap fits and moves in a window of it."""
     outer = grown(window, costmap.reach + STEP, costmap.grid)
-    inner = tuple(
-        slice(w.start - o.start, w.stop - o.start) for w, o in zip(window, outer, strict=True)
-    )
+    inner = seen_from(outer, window)
 
     def free(motion: Motion) -> NDArray[np.uint16]:
         hit = np.zeros([o.stop - o.start for o in outer], np.uint16)
@@ -191,24 +189,31 @@ def drive(
     space: DriveSpace,
     resolution: float,
     cells: ArrayLike,
-    targets: ArrayLike,
+    targets: ArrayLike | None = None,
     *,
     slow: float = 1.0,
     threads: int = 1,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the (k, m) prices and lengths of the cheapest ways between cells; infinity: none.
 
+    The targets are by default the cells.
+
     The robot drives along its heading, ahead or back, by the steps of `navgrid.travel`, and turns
     on the spot. All that its parts pass is free. A turn costs nothing, a step as in `travel`; its
     origin must not be in cells of 255. Ways begin and end at any heading, so that they are the same
     back. Cells are rows and columns; ValueError for one that is outside.
     """
-    starts, goals = (
-        np.ascontiguousarray(c, dtype=np.int64).reshape(-1, 2) for c in (cells, targets)
-    )
-    costs = np.ascontiguousarray(costs)
-    fits, steps, turns = space
-    return semmap_native.drive(costs, fits, steps, turns, resolution, starts, goals, slow, threads)
+    starts = _as_cells(cells)
+    goals = None if targets is None else _as_cells(targets)
+    if goals is not None and len(starts) > len(goals):
+        back = drive(costs, space, resolution, goals, starts, slow=slow, threads=threads)
+        return back[0].T, back[1].T
+    ground = np.ascontiguousarray(costs)
+    return semmap_native.drive(ground, *space, resolution, starts, goals, slow, threads)
+
+
+def _as_cells(given: ArrayLike) -> NDArray[np.int64]:
+    return np.ascontiguousarray(given, dtype=np.int64).reshape(-1, 2)
 
 
 def drive_way(

@@ -30,6 +30,22 @@ def grown(window: Window, cells: int, grid: Grid) -> Window:
     return rows, columns
 
 
+def common(a: Window, b: Window) -> Window | None:
+    """Return the cells that two windows have in common; None for no cell."""
+    rows, columns = (
+        slice(max(x.start, y.start), min(x.stop, y.stop)) for x, y in zip(a, b, strict=True)
+    )
+    return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
+
+
+def seen_from(outer: Window, window: Window) -> Window:
+    """Return a window as one of the cells of another that contains it."""
+    rows, columns = (
+        slice(w.start - o.start, w.stop - o.start) for w, o in zip(window, outer, strict=True)
+    )
+    return rows, columns
+
+
 def window_around(rectangles: Iterable[Bounds], grid: Grid) -> Window | None:
     """Return the cells that rectangles (x0, y0, x1, y1), metres, may meet; None for no cell."""
     corners = [*rectangles]

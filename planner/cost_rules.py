@@ -74,6 +74,7 @@ class CostRule:
         """Whether the rule selects an entity."""
         return (
             self.kind in (None, kind)
+            and len(self.properties) <= len(properties)
             and (not self.names or bool({*self.names} & {*names}))
             and (not self.types or bool({*self.types} & {*types}))
             and all(properties.get(k) == v for k, v in self.properties)

@@ -242,7 +242,7 @@ class RoutePlanner:
             except NoRouteError as error:
                 errors.append(error)
                 continue
-            ends = [self.graph.endpoint(location.place, pose) for pose in poses]
+            ends = self.graph.endpoints([(location.place, pose) for pose in poses])
             if location.entity is not None and location.entity.kind == "region":
                 ends = ([e for e in ends if np.isfinite(e.seconds).any()] or ends)[:1]
             endpoints += ends

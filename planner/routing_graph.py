@@ -380,18 +380,35 @@ class RoutingGraph:
         Somewhere in a place, a robot is at one of its doors, but at none that something closes. In
         a cabin, it may be there, too, and ride on.
         """
-        self.topology.place(place)
+        return self.endpoints([(place, pose)])[0]
+
+    def endpoints(self, ends: Sequence[tuple[str, Pose | None]]) -> list[Endpoint]:
+        """As `endpoint`, each: travel in a place is measured to all of its poses together.
+
+        Equal ends are one.
+        """
+        found: dict[tuple[str, Pose | None], Endpoint] = {}
+        for place in dict.fromkeys(place for place, _ in ends):
+            self.topology.place(place)
+            nodes = self.nodes.get(place, np.empty(0, np.int64))
+            poses = [*dict.fromkeys(pose for at, pose in ends if at == place and pose is not None)]
+            if poses and len(nodes):
+                travel = self.costs.between(place, poses, [self.poses[n] for n in nodes])
+                for pose, *row in zip(poses, travel.seconds, travel.metres, strict=True):
+                    found[place, pose] = Endpoint(place, pose, nodes, *row)
+        found |= {end: self._somewhere(*end) for end in dict.fromkeys(ends) if end not in found}
+        return [found[end] for end in ends]
+
+    def _somewhere(self, place: str, pose: Pose | None) -> Endpoint:
+        """A place as an end of routes, from its doors."""
         nodes = self.nodes.get(place, np.empty(0, np.int64))
-        if pose is None or not len(nodes):
-            seconds = np.zeros(len(nodes))
-            for i in np.flatnonzero(self._cut_off(place)):
-                at = self.poses[nodes[i]]
-                rides = place in self._elevators and self._fits(place, at)
-                if not rides and self.costs.obstruction(place, at) is not None:
-                    seconds[i] = math.inf
-            return Endpoint(place, pose, nodes, seconds, np.zeros(len(nodes)))
-        travel = self.costs.between(place, [pose], [self.poses[n] for n in nodes])
-        return Endpoint(place, pose, nodes, travel.seconds[0], travel.metres[0])
+        seconds = np.zeros(len(nodes))
+        for i in np.flatnonzero(self._cut_off(place)):
+            at = self.poses[nodes[i]]
+            rides = place in self._elevators and self._fits(place, at)
+            if not rides and self.costs.obstruction(place, at) is not None:
+                seconds[i] = math.inf
+        return Endpoint(place, pose, nodes, seconds, np.zeros(len(nodes)))
 
     def _fits(self, place: str, pose: Pose) -> bool:
         """Whether the robot can be at a pose in a place, or beside it."""

@@ -24,7 +24,7 @@ from navgrid.grid import Grid, scene_grid
 from navgrid.headings import STEP, DriveSpace, drive, drive_space, drive_way, hits
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.slabs import area_cells
-from navgrid.window import Window, grown, window_around
+from navgrid.window import Window, common, grown, seen_from, window_around
 from planner.base_pose import RoomGround
 from planner.exchange.visibility_graph import corner_paths
 from planner.graph_edges import StraightTravelCost, Travel
@@ -270,7 +270,8 @@ class StoreyCostmaps:
         if rows and columns:
             cells, targets = (np.array([e[0] for e in k if e is not None]) for k in ends)
             from_pose, to_pose = (np.array([e[1] for e in k if e is not None]) for k in ends)
-            price, length = drive(costs, space, self.resolution, cells, targets, slow=self.slow)
+            others = None if a == b else targets
+            price, length = drive(costs, space, self.resolution, cells, others, slow=self.slow)
             aside = from_pose[:, None] + to_pose[None, :]
             seconds[np.ix_(rows, columns)] = (price + aside) / self.robot.speed
             metres[np.ix_(rows, columns)] = length + aside
@@ -660,13 +661,10 @@ class StoreyCostmaps:
         """The places of a storey whose costs, or where the robot fits, changed in windows."""
         if not windows:
             return set()
-        self._known.clear()
         costmap, around = self.costmap(storey), self._surroundings_of(storey)
         for name in _among(around.doors, around.openings, windows):
             self._offsets.pop(name, None)
-        wide = [grown(window, STEP, costmap.grid) for window in windows]
-        for place in _among(around.places, around.rooms, wide):
-            self._spaces.pop(place, None)
+        self._forget(storey, [grown(window, STEP, costmap.grid) for window in windows])
         # at doors, shapes decide, and not cells alone
         doors = _among(around.doors, around.approaches, windows)
         found = {p for name in doors for p in self.topology.connectors[name].places}
@@ -680,6 +678,34 @@ class StoreyCostmaps:
             if (differs & room.cells).any():
                 found.add(place)
         return found
+
+    def _forget(self, storey: str, windows: Sequence[Window]) -> None:
+        """Drop what was measured in places and doors of which cells in windows changed.
+
+        What is measured at a door depends on the places on both of its sides.
+        """
+        costmap, around = self.costmap(storey), self._surroundings_of(storey)
+        near = _among(around.places, around.rooms, windows)
+        for place in near:
+            self._renew_space(place, costmap, windows)
+        doors = {*_among(around.doors, around.approaches, windows)}
+        doors |= {door.name for place in near for door, _ in self.topology.connectors_of(place)}
+        beside = {p for name in doors for p in self.topology.connectors[name].places}
+        stale = {*near, *doors, *beside}
+        self._known = {key: found for key, found in self._known.items() if key[1] not in stale}
+
+    def _renew_space(self, place: str, costmap: Costmap, windows: Sequence[Window]) -> None:
+        """Compute again, in windows, where the robot fits and moves in a place."""
+        space, room = self._spaces.get(place), self.room(place)
+        if space is None or room is None:
+            return
+        renewed = DriveSpace(*(bits.copy() for bits in space))
+        for window in windows:
+            both = common(window, room.window)
+            if both is not None:
+                for bits, now in zip(renewed, drive_space(costmap, both), strict=True):
+                    bits[seen_from(room.window, both)] = now
+        self._spaces[place] = renewed
 
     def _surroundings_of(self, storey: str) -> Surroundings:
         """The windows of a storey's places and doors."""

@@ -121,7 +121,7 @@ class Task:
         doors = [self.graph.poses[n] for n in self.graph.nodes.get(self.state.place, ())]
         if self.state.pose is not None or len(doors) < 2:
             return
-        ends = [self.graph.endpoint(self.state.place, pose) for pose in doors]
+        ends = self.graph.endpoints([(self.state.place, pose) for pose in doors])
         joined = np.isfinite(seconds_between(self.graph, ends, ends))
         firsts = (joined & joined.T).argmax(axis=1)
         if firsts.any():

@@ -255,14 +255,14 @@ semmap::Space space(const Array<std::uint8_t>& costs, const Bits& fits, const Bi
 std::pair<Array<double>, Array<double>> drive(const Array<std::uint8_t>& costs, const Bits& fits,
                                               const Bits& steps, const Bits& turns,
                                               double resolution, const Array<std::int64_t>& cells,
-                                              const Array<std::int64_t>& targets, double slow,
-                                              std::int64_t thread_count) {
+                                              const std::optional<Array<std::int64_t>>& targets,
+                                              double slow, std::int64_t thread_count) {
     const semmap::Space where = space(costs, fits, steps, turns, resolution, slow);
     const auto starts = cells_of(cells, "cells", where.terrain);
-    const auto goals = cells_of(targets, "targets", where.terrain);
+    const auto goals = targets ? cells_of(*targets, "targets", where.terrain) : starts;
     const unsigned team = threads(thread_count);
     return all_ways(starts.size(), goals.size(), [&](double* prices, double* metres) {
-        semmap::drive(where, starts, goals, team, prices, metres);
+        semmap::drive(where, starts, goals, !targets, team, prices, metres);
     });
 }
 
@@ -421,7 +421,7 @@ PYBIND11_MODULE(semmap_native, module) {
                py::arg("slow"), py::arg("targets").none(true), py::arg("threads"));
     module.def("collisions", &collisions, exact("occupied"), exact("runs"));
     module.def("drive", &drive, exact("costs"), exact("fits"), exact("steps"), exact("turns"),
-               py::arg("resolution"), exact("cells"), exact("targets"), py::arg("slow"),
+               py::arg("resolution"), exact("cells"), exact("targets").none(true), py::arg("slow"),
                py::arg("threads"));
     module.def("drive_way", &drive_way, exact("costs"), exact("fits"), exact("steps"),
                exact("turns"), py::arg("resolution"), exact("ends"), py::arg("slow"));

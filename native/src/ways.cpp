@@ -383,8 +383,8 @@ void travel(const Terrain& terrain, const std::vector<Cell>& starts, const std::
 }
 
 void drive(const Space& space, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
-           unsigned threads, double* prices, double* metres) {
-    all_ways(ShapeStates(space), space.terrain.resolution, starts, goals, false, threads, prices,
+           bool among, unsigned threads, double* prices, double* metres) {
+    all_ways(ShapeStates(space), space.terrain.resolution, starts, goals, among, threads, prices,
              metres);
 }
 

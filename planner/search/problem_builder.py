@@ -122,7 +122,7 @@ class MapSearch:
         The robot is at the viewpoint `at`, or at none. The next way is that of the graph; none
         leads to what it does not reach. Ways between other viewpoints stay as they were.
         """
-        ends = [graph.endpoint(v.room, v.pose) for v in self.viewpoints]
+        ends = graph.endpoints([(v.room, v.pose) for v in self.viewpoints])
         seconds = seconds_between(graph, [start], ends)[0]
         travel = np.where(np.isfinite(seconds), self.problem.travel, np.inf)
         if at is not None:
@@ -372,21 +372,11 @@ def _candidates(
         if views:
             seen += shown + [np.empty(0, np.intp)] * len(beside)
             aims += [aim for _, aim in views]
-            ends += _endpoints(graph, name, [pose for pose, _ in views])
+            ends += graph.endpoints([(name, pose) for pose, _ in views])
     counts = np.cumsum([0, *map(len, seen)])
     numbers = np.concatenate([np.empty(0, np.intp), *seen])
     shape = len(ends), len(points)
     return ends, aims, csr_array((np.ones(len(numbers)), numbers, counts), shape)
-
-
-def _endpoints(graph: RoutingGraph, room: str, poses: Sequence[Pose]) -> list[Endpoint]:
-    """The endpoints of poses in a room; those of one pose are one."""
-    nodes = graph.nodes.get(room, np.empty(0, np.int64))
-    different = [*dict.fromkeys(poses)]
-    travel = graph.costs.between(room, [graph.poses[n] for n in nodes], different)
-    columns = zip(different, travel.seconds.T, travel.metres.T, strict=True)
-    ends = {pose: Endpoint(room, pose, nodes, *times) for pose, *times in columns}
-    return [ends[pose] for pose in poses]
 
 
 def _stands(ends: Sequence[Endpoint]) -> tuple[list[Endpoint], NDArray[np.intp]]:

@@ -225,15 +225,33 @@ def test_there_is_no_gap_beside_an_opening():
     assert offsets == pytest.approx([-0.5, 0.575], abs=1e-3)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_what_was_kept_of_a_door_is_that_of_a_new_map(seed):
+def measured(made, poses):
+    """All that is kept of the door and of both places."""
+    door = made.topology.connectors["door"]
+    found = [made.bends(door)]
+    for (place, pose), others in zip(zip(door.places, door.poses, strict=True), poses, strict=True):
+        found += [made.obstruction(place, pose), made.standing(place, pose)]
+        travel = made.between(place, others, [pose, *others])
+        found += [travel.seconds.tolist(), travel.metres.tolist()]
+        found += [bits.tolist() for bits in made.space(place)]
+    return found
+
+
+@pytest.mark.parametrize("robot", [PERSON, CARRIER], ids=["disc", "shape"])
+@pytest.mark.parametrize("seed", range(4))
+def test_what_was_kept_is_that_of_a_new_map(seed, robot):
     """A box stands in the opening, beside it, and elsewhere in the rooms, in turn."""
     draw = np.random.default_rng(seed)
-    made, moves = building(0.9, [solid(30, 1.5, 1.6, 0, 2, Pose())], Pose()), []
+    made, moves = building(0.9, [solid(30, 1.5, 1.6, 0, 2, Pose())], Pose(), robot), []
+    poses = [
+        [Pose.planar(*draw.uniform((x, 0.3), (x + 3.4, 3.7))) for _ in range(3)] for x in (0.3, 4.5)
+    ]
+    measured(made, poses)
     for _ in range(15):
-        y, x = draw.choice([draw.uniform(1.4, 2.4), draw.uniform(0, 4)]), draw.uniform(-1.5, 1.5)
+        y, x = draw.choice([draw.uniform(1.4, 2.4), draw.uniform(0, 4)]), draw.uniform(-4, 4)
+        x *= draw.choice([0.3, 1.0])
         box = solid(30, y, y + draw.uniform(0.02, 0.4), 0, 2, Pose(), x, x + 0.3, ("box",))
         made.update([30], [box])
-        moves.append(passes(made))
-        assert moves[-1] == passes(building(0.9, [box], Pose()))
-    assert {*moves} == {True, False}
+        moves.append(measured(made, poses))
+        assert moves[-1] == measured(building(0.9, [box], Pose(), robot), poses)
+    assert len({*map(str, moves)}) > 8

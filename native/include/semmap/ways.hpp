@@ -45,7 +45,7 @@ void travel(const Terrain& terrain, const std::vector<Cell>& starts, const std::
 // The same of a shape, at any heading at both ends. It drives along its heading, ahead or back, and
 // turns on the spot for nothing. Its origin must not be in cells of 255.
 void drive(const Space& space, const std::vector<Cell>& starts, const std::vector<Cell>& goals,
-           unsigned threads, double* prices, double* metres);
+           bool among, unsigned threads, double* prices, double* metres);
 
 // The cells of the cheapest way, both ends included, each with the heading of the step into it;
 // none where there is none.
