@@ -8,6 +8,7 @@ which its disc does not fit. It drives along its heading, and turns on the spot.
 from __future__ import annotations
 
 import math
+import os
 from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -192,11 +193,11 @@ def drive(
     targets: ArrayLike | None = None,
     *,
     slow: float = 1.0,
-    threads: int = 1,
+    threads: int | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the (k, m) prices and lengths of the cheapest ways between cells; infinity: none.
 
-    The targets are by default the cells.
+    The targets are by default the cells. Threads, by default one a processor, change nothing.
 
     The robot drives along its heading, ahead or back, by the steps of `navgrid.travel`, and turns
     on the spot. All that its parts pass is free. A turn costs nothing, a step as in `travel`; its
@@ -209,7 +210,9 @@ def drive(
         back = drive(costs, space, resolution, goals, starts, slow=slow, threads=threads)
         return back[0].T, back[1].T
     ground = np.ascontiguousarray(costs)
-    return semmap_native.drive(ground, *space, resolution, starts, goals, slow, threads)
+    many = len(os.sched_getaffinity(0)) if threads is None else threads
+    used = min(many, max(len(starts), 1))
+    return semmap_native.drive(ground, *space, resolution, starts, goals, slow, used)
 
 
 def _as_cells(given: ArrayLike) -> NDArray[np.int64]:

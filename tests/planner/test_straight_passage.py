@@ -185,7 +185,8 @@ def meets(corners, low, high):
 def test_offsets_are_free_where_no_triangle_meets_the_robot(seed, robot):
     """Triangles of any tilt, before, in and beside the opening, also beyond its posts."""
     draw = np.random.default_rng(seed)
-    frame, width, things = Pose.planar(*draw.uniform(-1, 1, 2), draw.uniform(-4, 4)), 1.6, []
+    x, y, turn = draw.uniform((-1, -1, -4), (1, 1, 4))
+    frame, width, things = Pose.planar(x, y, turn), 1.6, []
     for number in range(6):
         middle = draw.uniform((3.3, 0.5, 0.0), (4.9, 3.5, 1.6))
         corners = middle + draw.uniform(-0.3, 0.3, (4, 3, 3)) * draw.choice([0.3, 1.0])
