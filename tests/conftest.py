@@ -8,13 +8,14 @@ change fails by what it changes, and a third as many.
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -172,13 +173,15 @@ def cluster(home: Path) -> URL:
     return Cluster(home).ensure()
 
 
-@contextmanager
-def administrator(server: URL) -> Iterator[Callable[[str], None]]:
+def administrator(server: URL) -> Callable[[str], None]:
     """Runs statements that no transaction may hold, such as CREATE DATABASE."""
-    engine = create_engine(server, isolation_level="AUTOCOMMIT")
-    with engine.connect() as connection:
-        yield lambda statement: connection.exec_driver_sql(statement) and None
-    engine.dispose()
+    engine = create_engine(server, isolation_level="AUTOCOMMIT", poolclass=NullPool)
+
+    def run(statement: str) -> None:
+        with engine.connect() as connection:  # a new one: the server may have been restarted
+            connection.exec_driver_sql(statement)
+
+    return run
 
 
 @pytest.fixture(scope="session")
@@ -195,10 +198,13 @@ def of_module() -> dict[str, Callable[[], None]]:
 
 @pytest.fixture(autouse=True, scope="module")
 def drop_those_of_module(of_module: dict[str, Callable[[], None]]) -> Iterator[None]:
-    """Without it, all tests together need three times the room on the disk."""
+    """Without it, all tests together need three times the room on the disk; and memory grows."""
     yield
     for drop in [*of_module.values()]:
         drop()
+    gc.collect()
+    with suppress(AttributeError):  # of glibc
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 @pytest.fixture(scope="session")
@@ -217,52 +223,52 @@ def make_database(
     prefix = f"semmap_test_{worker}_{os.getpid()}"
     template = f"{prefix}_template"
     numbers = count(1)
-    with administrator(cluster) as run:
-        run(f"CREATE DATABASE {template}")
-        databases[template] = "the empty schema"
-        open_engine(cluster.set(database=template)).dispose()
+    run = administrator(cluster)
+    run(f"CREATE DATABASE {template}")
+    databases[template] = "the empty schema"
+    open_engine(cluster.set(database=template)).dispose()
 
-        def make(of: URL | None = None, *, keep: bool = False) -> URL:
-            name = f"{prefix}_{next(numbers)}"
-            copied = template if of is None else of.database
-            # Copying files takes a third of the time of writing them to the log.
-            run(f"CREATE DATABASE {name} TEMPLATE {copied} STRATEGY FILE_COPY")
-            databases[name] = os.environ["PYTEST_CURRENT_TEST"]
-            url = cluster.set(database=name)
-            if not keep:
-                of_module[name] = partial(drop_database, url)
-            return url
+    def make(of: URL | None = None, *, keep: bool = False) -> URL:
+        name = f"{prefix}_{next(numbers)}"
+        copied = template if of is None else of.database
+        # Copying files takes a third of the time of writing them to the log.
+        run(f"CREATE DATABASE {name} TEMPLATE {copied} STRATEGY FILE_COPY")
+        databases[name] = os.environ["PYTEST_CURRENT_TEST"]
+        url = cluster.set(database=name)
+        if not keep:
+            of_module[name] = partial(drop_database, url)
+        return url
 
-        yield make
-        found = {
-            test: rows
-            for name, test in databases.items()
-            if (rows := contradictions(cluster.set(database=name)))
-        }
-        if "SEMMAP_TEST_DB" in os.environ:  # the folder of an embedded cluster goes as a whole
-            for name in databases:
-                run(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)")
-        assert not found
+    yield make
+    found = {
+        test: rows
+        for name, test in databases.items()
+        if (rows := contradictions(cluster.set(database=name)))
+    }
+    if "SEMMAP_TEST_DB" in os.environ:  # the folder of an embedded cluster goes as a whole
+        for name in databases:
+            run(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)")
+    assert not found
 
 
 @pytest.fixture(scope="session")
 def drop_database(
     cluster: URL, databases: dict[str, str], of_module: dict[str, Callable[[], None]]
-) -> Iterator[Callable[[URL], None]]:
+) -> Callable[[URL], None]:
     """Drops a database when its tests have ended, so that its files need never be written.
 
     Its stored holders and poses must be those derived, whatever its tests did.
     """
-    with administrator(cluster) as run:
+    run = administrator(cluster)
 
-        def drop(url: URL) -> None:
-            of_module.pop(str(url.database), None)
-            found = contradictions(url)
-            run(f"DROP DATABASE {url.database} WITH (FORCE)")
-            del databases[str(url.database)]
-            assert not found
+    def drop(url: URL) -> None:
+        of_module.pop(str(url.database), None)
+        found = contradictions(url)
+        run(f"DROP DATABASE {url.database} WITH (FORCE)")
+        del databases[str(url.database)]
+        assert not found
 
-        yield drop
+    return drop
 
 
 @pytest.fixture(scope="session")

@@ -61,10 +61,10 @@ CREATE TABLE times (at timestamptz DEFAULT '2020-01-01 10:00:00+00'::timestamptz
 def empty(cluster: URL) -> Iterator[URL]:
     """A database that no revision has been run on."""
     name = f"semmap_test_empty_{uuid4().hex}"
-    with administrator(cluster) as run:
-        run(f"CREATE DATABASE {name}")
-        yield cluster.set(database=name)
-        run(f"DROP DATABASE {name} WITH (FORCE)")
+    run = administrator(cluster)
+    run(f"CREATE DATABASE {name}")
+    yield cluster.set(database=name)
+    run(f"DROP DATABASE {name} WITH (FORCE)")
 
 
 @pytest.fixture
@@ -325,16 +325,16 @@ def test_server_without_fitting_postgis(
     run = docker_container.exec
     file = "/usr/share/postgresql/15/extension/postgis.control"
     assert run(f"mv -T {file} /tmp/kept.control").exit_code == 0
-    with administrator(docker_server) as execute:
-        execute("CREATE DATABASE bare TEMPLATE template0")
-        try:
-            if control is not None:
-                assert run(["sh", "-c", f'echo "{control}" > {file}']).exit_code == 0
-            with pytest.raises(DatabaseError, match=said):
-                open_engine(docker_server.set(database="bare"))
-        finally:
-            assert run(f"mv -T /tmp/kept.control {file}").exit_code == 0
-            execute("DROP DATABASE bare WITH (FORCE)")
+    execute = administrator(docker_server)
+    execute("CREATE DATABASE bare TEMPLATE template0")
+    try:
+        if control is not None:
+            assert run(["sh", "-c", f'echo "{control}" > {file}']).exit_code == 0
+        with pytest.raises(DatabaseError, match=said):
+            open_engine(docker_server.set(database="bare"))
+    finally:
+        assert run(f"mv -T /tmp/kept.control {file}").exit_code == 0
+        execute("DROP DATABASE bare WITH (FORCE)")
 
 
 def test_postgis_in_another_schema(empty: URL) -> None:
