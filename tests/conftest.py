@@ -383,12 +383,12 @@ def docker_server(docker_container: Any) -> URL:
 def docker_postgis(docker_server: URL) -> Iterator[Engine]:
     """An engine on a fresh database in a container, which no revision has been run on."""
     name = f"fresh_{uuid4().hex}"
-    with administrator(docker_server) as run:
-        run(f"CREATE DATABASE {name}")
-        engine = open_engine(docker_server.set(database=name), migrate=False)
-        yield engine
-        engine.dispose()
-        run(f"DROP DATABASE {name} WITH (FORCE)")
+    run = administrator(docker_server)
+    run(f"CREATE DATABASE {name}")
+    engine = open_engine(docker_server.set(database=name), migrate=False)
+    yield engine
+    engine.dispose()
+    run(f"DROP DATABASE {name} WITH (FORCE)")
 
 
 def wait_for(server: URL, seconds: float = 60) -> None:

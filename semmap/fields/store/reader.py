@@ -111,10 +111,13 @@ def read_visible_objects(seen: Snapshot) -> list[VisibleObject]:
     return [VisibleObject(e.name, e.types[0], e.triangles) for e in found if len(e.triangles)]
 
 
-def read_zones(seen: Snapshot) -> dict[int, Zone]:
-    """Return the rooms and regions of the current map that are valid now, by id."""
+def read_zones(seen: Snapshot, ids: Iterable[int] | None = None) -> dict[int, Zone]:
+    """Return the rooms and regions of the current map that are valid now; only of `ids` if given.
+
+    By id.
+    """
     found = read_entities(
-        seen, kinds=("room", "region"), moment=seen.moment, triangles=False, carried=True
+        seen, ids, kinds=("room", "region"), moment=seen.moment, triangles=False, carried=True
     )
     return {
         e.id: Zone(
@@ -124,6 +127,17 @@ def read_zones(seen: Snapshot) -> dict[int, Zone]:
         if e.footprint is not None and e.footprint.area > 0
         if e.floor is not None and e.ceiling is not None
     }
+
+
+def read_timed_regions(seen: Snapshot) -> set[int]:
+    """Return the regions of the current map that begin or end to be valid at some time."""
+    rows = seen.connection.execute(
+        text(
+            "SELECT entity_id FROM region JOIN entity e ON e.id = entity_id "
+            "WHERE e.map_id = current_map() AND NOT (lower_inf(valid) AND upper_inf(valid))"
+        )
+    )
+    return {*rows.scalars()}
 
 
 def read_homes(seen: Snapshot, ids: Iterable[int] | None = None) -> dict[int, int | None]:

@@ -33,6 +33,7 @@ from semmap.fields.store.reader import (
     read_agents,
     read_homes,
     read_occupants,
+    read_timed_regions,
     read_walls,
     read_zones,
 )
@@ -148,13 +149,16 @@ class VoxelMirror(MirrorState):
                     occupants = read_occupants(look.seen, changed)
                     walls = read_walls(look.seen, changed)
                     agents = read_agents(look.seen, changed)
-                    zones = read_zones(look.seen)
+                    again = changed and changed | read_timed_regions(look.seen)
+                    zones = read_zones(look.seen, again)
                     homes = read_homes(look.seen, self._to_house(changed, zones.keys()))
                     stated = read_stated(look.seen, changed, self.regions.voxel_size)
             if changed is not None and not changed:
                 self._feed.take_in(look)
                 return set()
             size, kept_zones = self.regions.voxel_size, {n: z.as_json() for n, z in zones.items()}
+            if again is not None:
+                kept_zones |= {n: z for n, z in self.zones.items() if n not in again}
             stale = self._stale(changed, kept_zones) | {each.id for each in stated}
             stale |= self.stated & (changed or set())
             found: dict[int, tuple[str, Role, list[Region]]] = {

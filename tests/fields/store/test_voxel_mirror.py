@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 import shapely
 from sqlalchemy import Engine, text
 
+import semmap
 from semmap.fields.store.reader import read_zones
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
@@ -196,6 +198,27 @@ def test_zones_are_followed(engine: Engine) -> None:
     change(engine, f"DELETE FROM entity WHERE id = {home}")
     mirror.catch_up()
     assert "home" not in voxels_by_name(mirror)
+
+
+def test_regions_begin_and_end_with_time(scene: Engine) -> None:
+    """Nothing is written then: the next change of anything shows it."""
+    with semmap.connect(scene.url.render_as_string(hide_password=False)) as db:
+        here = db.map("scene")
+        for name, x in (("early", 0.0), ("late", 3.0), ("always", 6.0)):
+            here.add_region(name, [(x, 0), (x + 1, 0), (x + 1, 1), (x, 1)], floor=0, ceiling=1)
+        until = "UPDATE region SET valid = tstzrange({}) WHERE entity_id = entity_id('{}')"
+        soon = "now() + interval '0.6 s'"
+        change(scene, until.format(f"NULL, {soon}", "early"))
+        change(scene, until.format(f"{soon}, NULL", "late"))
+    mirror = VoxelMirror(scene, "scene", SIZE)
+    mirror.catch_up()
+    assert {"early", "always"} <= {*mirror.names.values()}
+    assert "late" not in mirror.names.values()
+    time.sleep(0.7)
+    change(scene, "SELECT move_to(entity_id('a'), 8.0, 8.0, 0.2, 0.0)")
+    mirror.catch_up()
+    assert "early" not in mirror.names.values()
+    assert same(mirror, scene)
 
 
 def voxels_by_name(mirror: VoxelMirror) -> dict[str, Any]:
