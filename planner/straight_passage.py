@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from navgrid.costmap import Costmap
-from navgrid.slabs import flat_triangles, mesh_of
+from navgrid.slabs import flat_triangles
 from planner.robot_class import SAME
 from planner.topology import PlaceConnector
 from semmap.geometry.pose import Pose
@@ -120,18 +120,31 @@ def _extents(triangles: Floats, within: Floats) -> Floats:
 
     Those of which none is in the box are left out.
     """
-    from trimesh.intersections import slice_faces_plane  # slow to load
-
     within = within + np.array([[-SAME], [SAME]])
     triangles = _near(triangles, *within)
-    inside = (triangles >= within[0]) & (triangles <= within[1])
-    whole = inside[:, :, ::2].all(axis=(1, 2))
-    vertices, faces = mesh_of(triangles[~whole])
-    for axis, sign, end in ((0, 1, 0), (0, -1, 1), (2, 1, 0), (2, -1, 1)):
-        normal = sign * np.eye(3)[axis]
-        vertices, faces, _ = slice_faces_plane(  # type: ignore[no-untyped-call]
-            vertices, faces, normal, normal * (sign * within[end, axis])
-        )
-    cut = vertices[faces, 1]
-    parts = np.concatenate([triangles[whole][:, :, 1], cut.reshape(-1, 3)])
-    return np.stack([parts.min(axis=1), parts.max(axis=1)], axis=1)
+    for axis in (0, 2):
+        triangles = _cut(triangles, axis, within[0, axis], 1.0)
+        triangles = _cut(triangles, axis, within[1, axis], -1.0)
+    y = triangles[:, :, 1]
+    return np.stack([y.min(axis=1), y.max(axis=1)], axis=1)
+
+
+def _cut(triangles: Floats, axis: int, end: float, sign: float) -> Floats:
+    """The parts of (F, 3, 3) triangles above an end of an axis; below it for a sign of -1."""
+    depth = sign * (triangles[:, :, axis] - end)
+    inside = depth >= 0
+    count = inside.sum(axis=1)
+    parts = [triangles[count == 3]]
+    for many in (1, 2):
+        odd = np.argmax(inside[count == many] == (many == 1), axis=1)  # alone on its side
+        order = (odd[:, None] + np.arange(3)) % 3
+        at = np.take_along_axis(triangles[count == many], order[:, :, None], 1)
+        a, b, c = np.take_along_axis(depth[count == many], order, 1).T
+        one = at[:, 0] + (at[:, 1] - at[:, 0]) * (a / (a - b))[:, None]
+        two = at[:, 0] + (at[:, 2] - at[:, 0]) * (a / (a - c))[:, None]
+        if many == 1:
+            parts.append(np.stack([at[:, 0], one, two], axis=1))
+        else:
+            parts.append(np.stack([one, at[:, 1], at[:, 2]], axis=1))
+            parts.append(np.stack([one, at[:, 2], two], axis=1))
+    return np.concatenate(parts)

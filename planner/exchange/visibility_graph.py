@@ -17,8 +17,6 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 from shapely import MultiPolygon, Polygon
 
 CLEARANCE = 0.3
@@ -129,6 +127,9 @@ def _around(
     pairs: NDArray[np.int64],
 ) -> dict[tuple[int, int], list[int]]:
     """Paths over corners only. Nodes: points as starts, corners, points as goals."""
+    from scipy.sparse import csr_matrix  # slow to load
+    from scipy.sparse.csgraph import dijkstra
+
     n, k = len(points), len(corners)
     to_corner = np.indices((n, k)).reshape(2, -1).T
     along = np.array(list(combinations(range(k), 2)), np.int64).reshape(-1, 2)

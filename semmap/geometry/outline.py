@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.mesh import Mesh
@@ -44,6 +43,8 @@ def hull_points(mesh: Mesh) -> NDArray[np.float64]:
 
 def _corners(points: NDArray[np.float64], options: str | None = None) -> NDArray[np.intp] | None:
     """Return the numbers of the corners of the hull; None where it has no volume."""
+    from scipy.spatial import ConvexHull, QhullError  # slow to load
+
     try:
         return np.asarray(ConvexHull(points, qhull_options=options).vertices, np.intp)
     except QhullError:

@@ -7,8 +7,6 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely import STRtree, polygons
 
 GAP = 0.005
@@ -46,6 +44,9 @@ def walked_faces(
     some = np.flatnonzero(gentle & _within_steps(low, high, gentle, heights, step))
     if start[some].all():
         return found
+    from scipy.sparse import coo_array  # slow to load
+    from scipy.sparse.csgraph import connected_components
+
     shapes = polygons(triangles[some][:, :, :2])
     one, other = STRtree(shapes).query(shapes, predicate="dwithin", distance=GAP)
     rise = np.maximum(low[some[one]], low[some[other]]) - np.minimum(

@@ -12,11 +12,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.outline import hull_points
-from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.ingest.meshes.mesh_size import MeshFileError
 from semmap.ingest.sdf.resources import package_folders
 from semmap.limits import EXTENT, LINKS, PARTS, TEXT_BYTES, TRIANGLES
@@ -112,6 +110,8 @@ class Robot:
 
         Joints that `state` does not name are at 0; a joint that mimics another follows it.
         """
+        from scipy.spatial.transform import Rotation  # slow to load
+
         read = self._urdf.joint_map[joint.name]
         pose = np.eye(4) if read.origin is None else np.array(read.origin, np.float64)
         multiplier, offset = self.mimicry(joint)
@@ -375,6 +375,8 @@ def _shape(item: Any, file: Path, link: str) -> Mesh:
 
 
 def _mesh(read: Any, file: Path, error: Callable[[str, str], RobotError]) -> Mesh:
+    from semmap.ingest.meshes.mesh_file import read_mesh  # slow to load
+
     found = _find(str(read.filename), file)
     if found is None:
         raise error(

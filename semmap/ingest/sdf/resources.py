@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
-from semmap.ingest.meshes.mesh_file import other_case
 from semmap.ingest.sdf.elements import Unusable
 from semmap.ingest.world import WorldError
 from semmap.ingest.xml_file import read_xml
@@ -66,6 +65,8 @@ class Resources:
         for candidate in candidates:
             if os.path.exists(candidate):  # noqa: PTH110 - False where a name is too long
                 return candidate
+        from semmap.ingest.meshes.mesh_file import other_case  # slow to load
+
         fix = next(filter(None, map(other_case, candidates)), "")
         fix = fix or "Restore it, or give the folder that holds it with --model-path."
         raise Unusable(where, f"{uri} is not found", fix)
