@@ -41,7 +41,7 @@ TABLES = (
     "manipulation_actions",
 )
 
-ALONE = ("fetch", "grasp_experiment", "grasping", "hours", "openings", "solvers")
+ALONE = ("chain", "fetch", "grasp_experiment", "grasping", "hours", "openings", "solvers")
 
 unknown = [name for name in sys.argv[1:] if name not in TABLES + ALONE]
 if unknown:

@@ -8,6 +8,7 @@ together.
 from __future__ import annotations
 
 import os
+import resource
 import sys
 import threading
 import time
@@ -15,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from queue import SimpleQueue
+from subprocess import run
 
 import numpy as np
 import shapely
@@ -22,7 +24,7 @@ import shapely
 import semmap
 from benchmarks.bench_map import use_bench_database
 from benchmarks.rooms import furnished
-from benchmarks.timing import Row, print_rows
+from benchmarks.timing import Row, median_seconds, print_rows
 from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
 from planner.robot_class import BODY
@@ -40,9 +42,14 @@ __all__ = ["main"]
 
 ROOMS = Path(__file__).parents[1] / "tests/worlds/small_house_rooms.geojson"
 
+LIBRARIES = "numpy, shapely, psycopg, sqlalchemy, scipy.ndimage"
+
 MOVES = 200
 PAUSE = 0.03
 """Seconds after a move, in which followers end what they do after they have it."""
+
+IMPORTED, FIRST = 2.0, 0.3
+"""Seconds for a file, and of the processor for the first route of a process."""
 
 COMMITTED, ALL = 5.0, 20.0
 """Milliseconds in which 99 of 100 moves are committed, and all followers have them."""
@@ -62,9 +69,10 @@ def main() -> None:
             begun = time.perf_counter()
             thing, start = WORLDS[name](db, name)
             took = time.perf_counter() - begun
-            rows = measured(db.map(name), thing, start)
+            rows = [Row("file to map", f"{took:.1f} s", "", f"{IMPORTED:g} s", took <= IMPORTED)]
+            rows += [*measured(db.map(name), thing, start), first_route(name, start, thing)]
             db.drop_map(name)
-            print_rows(f"From a move to its consequences: {name} (file to map {took:.1f} s)", rows)
+            print_rows(f"From a move to its consequences: {name}", rows)
 
 
 def house(db: semmap.Database, name: str) -> tuple[str, str]:
@@ -236,16 +244,13 @@ def _thread(follow: Callable[[threading.Event, threading.Event], None]) -> Itera
 def measured(here: semmap.Map, name: str, start: str) -> list[Row]:
     """The milliseconds of each stage, the middle one and that of 99 of 100."""
     thing = here[name]
-    committed: list[float] = []
-    alone: dict[str, list[float]] = {}
+    committed = [done - began for began, done in _moves(thing)]
+    rows = [_row("a move, until it is committed", committed, COMMITTED)]
     for what, follower in FOLLOWERS.items():
         heard: Heard = SimpleQueue()
         with follower(here, thing, heard):
-            for began, done in _moves(thing):
-                committed.append(done - began)
-                alone[what] = [*alone.get(what, []), heard.get(timeout=20) - done]
-    rows = [_row("a move, until it is committed", committed, COMMITTED)]
-    rows += [_row(f"from there to {what}", took, ALL) for what, took in alone.items()]
+            took = [heard.get(timeout=20) - done for _, done in _moves(thing)]
+        rows.append(_row(f"from there to {what}", took, ALL))
     rows.append(_row("all of these together", _together(here, thing), ALL))
     for what, ask in (
         ("where it is believed to be", lambda: here.where(name)),
@@ -258,6 +263,24 @@ def measured(here: semmap.Map, name: str, start: str) -> list[Row]:
             took.append(time.perf_counter() - done)
         rows.append(_row(f"from there to {what}", took, ALL))
     return rows
+
+
+def first_route(name: str, start: str, goal: str) -> Row:
+    """The processor time of a process that asks for one route."""
+    words = f"import semmap; semmap.connect().map({name!r}).route({start!r}, {goal!r})"
+    with_route, libraries = (
+        median_seconds(lambda said=said: run([sys.executable, "-c", said], check=True), clock=_used)  # type: ignore[misc]
+        for said in (words, f"import {LIBRARIES}")
+    )
+    reference = f"{LIBRARIES}: {libraries:.2f} s"
+    shown = f"{with_route:.2f} s of the processor"
+    return Row("the first route of a process", shown, reference, f"{FIRST} s", with_route <= FIRST)
+
+
+def _used() -> float:
+    """Processor time of the processes that ended, in seconds."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _together(here: semmap.Map, thing: MapEntity) -> list[float]:
