@@ -82,7 +82,7 @@ class DoorSide(NamedTuple):
     away: dict[int, float]
 
 
-class Surroundings(NamedTuple):
+class StoreyWindows(NamedTuple):
     """On which cells of a storey its places and doors depend, (N, 4) ends of rows and columns.
 
     The shapes in an opening decide whether a door is passed straight, those near its approach poses
@@ -134,7 +134,7 @@ class StoreyCostmaps:
         self._avoided: dict[str, list[PlaceRegion]] = {}
         self._known: dict[tuple[Any, ...], Any] = {}  # measured on the present costs
         self._offsets: dict[str, list[Interval]] = {}  # where doors are passed straight
-        self._surroundings: dict[str, Surroundings] = {}
+        self._windows: dict[str, StoreyWindows] = {}
 
     def report_to(self, progress: Callable[[str, int], None]) -> None:
         """Call `progress` for each new place, with its name and how many places there were."""
@@ -245,13 +245,14 @@ class StoreyCostmaps:
 
     def _once(self, measure: Callable[..., T], *ends: Any) -> T:
         """What a method measures, once for the present costs; the last `MOST` are kept."""
-        key = measure.__name__, *ends
-        if key not in self._known:
-            while len(self._known) >= MOST:
-                self._known.pop(next(iter(self._known)), None)
-            self._known[key] = measure(*ends)
-        found: T = self._known[key]
-        return found
+        key, kept = (measure.__name__, *ends), self._known  # which a change replaces
+        if key not in kept:
+            found = measure(*ends)
+            while len(kept) >= MOST:
+                kept.pop(next(iter(kept)), None)
+            kept[key] = found
+        known: T = kept[key]
+        return known
 
     def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Travel:
         """The travel from each of n poses in a place to each of m; infinite without a path."""
@@ -651,7 +652,7 @@ class StoreyCostmaps:
         for storey, costmap in self._costmaps.items():
             windows = [w for name in fields if (w := costmap.field_window(name)) is not None]
             if windows:
-                around = self._surroundings_of(storey)
+                around = self._windows_of(storey)
                 found |= {*_among(around.places, around.rooms, windows)}
         return found
 
@@ -661,7 +662,7 @@ class StoreyCostmaps:
         """The places of a storey whose costs, or where the robot fits, changed in windows."""
         if not windows:
             return set()
-        costmap, around = self.costmap(storey), self._surroundings_of(storey)
+        costmap, around = self.costmap(storey), self._windows_of(storey)
         for name in _among(around.doors, around.openings, windows):
             self._offsets.pop(name, None)
         self._forget(storey, [grown(window, STEP, costmap.grid) for window in windows])
@@ -684,7 +685,7 @@ class StoreyCostmaps:
 
         What is measured at a door depends on the places on both of its sides.
         """
-        costmap, around = self.costmap(storey), self._surroundings_of(storey)
+        costmap, around = self.costmap(storey), self._windows_of(storey)
         near = _among(around.places, around.rooms, windows)
         for place in near:
             self._renew_space(place, costmap, windows)
@@ -707,14 +708,14 @@ class StoreyCostmaps:
                     bits[seen_from(room.window, both)] = now
         self._spaces[place] = renewed
 
-    def _surroundings_of(self, storey: str) -> Surroundings:
+    def _windows_of(self, storey: str) -> StoreyWindows:
         """The windows of a storey's places and doors."""
-        if storey not in self._surroundings:
+        if storey not in self._windows:
             grid = self.costmap(storey).grid
             places = [p for p in self.topology.places if self.storey_of(p) == storey]
             rooms = {p: room for p in places if (room := self.room(p)) is not None}
             doors = {door.name: door for place in rooms for door in self._doors(place).values()}
-            self._surroundings[storey] = Surroundings(
+            self._windows[storey] = StoreyWindows(
                 [*rooms],
                 _ends_of([room.window for room in rooms.values()]),
                 [*doors],
@@ -726,7 +727,7 @@ class StoreyCostmaps:
                     )
                 ),
             )
-        return self._surroundings[storey]
+        return self._windows[storey]
 
 
 def _ends_of(windows: Sequence[Window | None]) -> NDArray[np.int64]:

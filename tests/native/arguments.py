@@ -239,7 +239,7 @@ def native_calls() -> Iterator[tuple[str, Call]]:
         {
             **{k: iter(v) for k, v in wrong_space.items()},
             "cells": [*wrong_arrays(cells), *outside],
-            "targets": [*wrong_arrays(cells), *outside],
+            "targets": [*[w for w in wrong_arrays(cells) if w[1] is not None], *outside],
             "threads": wrong_counts(0, 10_000),
         },
     )
