@@ -42,7 +42,9 @@ def compose_command(folder: Path) -> list[str]:
     image = "semmap-compose:test"
     run("docker", "build", "--network", "host", "-q", "-t", image, "-", text=COMPOSE)
     mounts = ["-v", "/var/run/docker.sock:/var/run/docker.sock", "-v", f"{folder}:{folder}"]
-    return ["docker", "run", "--rm", *mounts, "-w", str(folder), image, "docker-compose"]
+    engine_builds = ["-e", "COMPOSE_DOCKER_CLI_BUILD=0"]  # the image has no program docker
+    options = ["--rm", *mounts, *engine_builds, "-w", str(folder)]
+    return ["docker", "run", *options, image, "docker-compose"]
 
 
 def free_ports(count: int) -> int:
